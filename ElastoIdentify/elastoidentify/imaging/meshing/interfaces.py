@@ -1,0 +1,335 @@
+"""The borders between labels of a planar labelmap, as a network of smooth curves.
+
+The voxel edges between different labels form a graph of lattice points. It falls into *curves*,
+each with one label on its left and one on its right, that end at *anchors*: junctions of three or
+more labels, corners, and the places where a border meets the edge of the image. Curves are smoothed
+(anchors and straight runs stay where they are), then sampled at the edge length wanted.
+
+Coordinates are continuous indices (x along the last array axis, y along the first; voxel centres at
+integers, the outer voxel edges at −0.5 and n − 0.5) until they are scaled by the spacing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+OUTSIDE = -1  # what lies around the image, told from the background 0
+
+CORNER_ANGLE = 60.0  # degrees; a border that turns more than this within a few voxels has a corner
+STRAIGHT_ANGLE = 150.0  # degrees; two branches of a junction at least so open are one line
+LARGEST_SHIFT = 0.49  # voxels; below one half, smoothed borders can touch but never cross
+
+
+@dataclass
+class Graph:
+    """Voxel edges between different labels.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 2)
+        Lattice points, in continuous indices.
+    edges : ndarray of int, shape (m, 2)
+    sides : ndarray of int, shape (m, 2)
+        Labels left and right of each edge.
+    anchors : ndarray of bool, shape (n,)
+        Where curves end.
+    corners : ndarray of bool, shape (n,)
+        Those of the anchors that are sharp corners of a border.
+    on_border : ndarray of bool, shape (n, 2)
+        Whether x (y) is that of the image's own edge, and so must stay.
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    sides: np.ndarray
+    anchors: np.ndarray
+    corners: np.ndarray
+    on_border: np.ndarray
+
+
+@dataclass
+class Network:
+    """Smooth curves between labels, and where they are cut into segments.
+
+    Attributes
+    ----------
+    curves : list of ndarray, shape (k, 2)
+        Dense polylines from anchor to anchor; a closed curve without anchor ends where it starts.
+    sides : ndarray of int, shape (c, 2)
+        Labels left and right of each curve.
+    ends : ndarray of int, shape (c, 2)
+        Number of the anchor at which each curve starts and stops.
+    cuts : list of ndarray
+        Arc lengths at which each curve is cut, first and last included.
+    """
+
+    curves: list[np.ndarray]
+    sides: np.ndarray
+    ends: np.ndarray
+    cuts: list[np.ndarray]
+
+    def sample(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return points (n, 2), segments (s, 2) and the curve and piece of each segment (s, 2)."""
+        count = int(self.ends.max()) + 1
+        anchors = np.zeros((count, 2))
+        inner, segments, pieces = [], [], []
+        for number, (curve, ends, cuts) in enumerate(
+            zip(self.curves, self.ends, self.cuts, strict=True)
+        ):
+            points = equal_area_points(curve, cuts)
+            anchors[ends] = points[[0, -1]]
+            inner.append(points[1:-1])
+            ids = np.r_[ends[0], count + np.arange(len(points) - 2), ends[1]]
+            count += len(points) - 2
+            segments.append(np.c_[ids[:-1], ids[1:]])
+            pieces.append(np.c_[np.full(len(ids) - 1, number), np.arange(len(ids) - 1)])
+        return np.vstack([anchors, *inner]), np.vstack(segments), np.vstack(pieces)
+
+    def split(self, pieces: np.ndarray) -> None:
+        """Cut the given (curve, piece) pairs in two."""
+        for number in np.unique(pieces[:, 0]):
+            cuts = self.cuts[number]
+            piece = pieces[pieces[:, 0] == number, 1]
+            self.cuts[number] = np.sort(np.r_[cuts, (cuts[piece] + cuts[piece + 1]) / 2])
+
+
+def build_network(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> Network:
+    """Return the smooth borders of a labelmap (rows, columns), scaled by `spacing` (x, y)."""
+    voxels_per_edge = edge_length / np.sqrt(np.prod(spacing))
+    graph = label_graph(labels)
+    reach = max(5, round(voxels_per_edge / 2))
+    mark_corners(graph, reach)
+    smooth = smooth_points(graph, np.clip(1.5 * voxels_per_edge, 8, 24), reach) * spacing
+    paths, sides = trace(graph)
+    number = np.cumsum(np.isin(np.arange(len(smooth)), [p[[0, -1]] for p in paths])) - 1
+    ends = np.array([number[path[[0, -1]]] for path in paths])
+    curves = [smooth[path] for path in paths]
+    return Network(curves, sides, ends, regular_cuts(curves, ends, edge_length))
+
+
+def label_graph(labels: np.ndarray) -> Graph:
+    """Return the voxel edges between different labels of an array (rows, columns)."""
+    rows, columns = labels.shape
+    padded = np.pad(labels.astype(np.int64), 1, constant_values=OUTSIDE)
+    lattice = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
+    upright = [lattice[:-1], lattice[1:], padded[1:-1, :-1], padded[1:-1, 1:]]
+    level = [lattice[:, :-1], lattice[:, 1:], padded[1:, 1:-1], padded[:-1, 1:-1]]
+    start, stop, left, right = (
+        np.r_[a.ravel(), b.ravel()] for a, b in zip(upright, level, strict=True)
+    )
+    differs = left != right
+    start, stop, left, right = start[differs], stop[differs], left[differs], right[differs]
+    junction = np.bincount(np.r_[start, stop], minlength=lattice.size) > 2
+    meshed = np.maximum(left, right) > 0
+    used, edges = np.unique(np.r_[start[meshed], stop[meshed]], return_inverse=True)
+    points = np.c_[used % (columns + 1), used // (columns + 1)] - 0.5
+    on_border = (points == -0.5) | (points == [columns - 0.5, rows - 0.5])
+    return Graph(
+        points,
+        edges.reshape(2, -1).T,
+        np.c_[left, right][meshed],
+        junction[used] | on_border.all(axis=1),
+        on_border.all(axis=1),
+        on_border,
+    )
+
+
+def trace(graph: Graph) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the node paths from anchor to anchor, then closed paths, with their labels (c, 2).
+
+    A walk is a sequence by nature, hence the loops.
+    """
+    order = np.argsort(graph.edges.ravel(), kind="stable")
+    first = np.searchsorted(graph.edges.ravel()[order], np.arange(len(graph.points) + 1)).tolist()
+    around = (order // 2).tolist()
+    edges, is_anchor = graph.edges.tolist(), graph.anchors.tolist()
+    seen = [False] * len(edges)
+    paths, sides = [], []
+
+    def walk(node: int, edge: int) -> None:
+        forward = edges[edge][0] == node
+        sides.append(graph.sides[edge] if forward else graph.sides[edge][::-1])
+        path = [node]
+        while not seen[edge]:
+            seen[edge] = True
+            node = edges[edge][0] + edges[edge][1] - node
+            path.append(node)
+            if is_anchor[node]:
+                break
+            one, other = around[first[node]], around[first[node] + 1]
+            edge = one + other - edge
+        paths.append(np.array(path))
+
+    for node in np.flatnonzero(graph.anchors).tolist():
+        for edge in around[first[node] : first[node + 1]]:
+            if not seen[edge]:
+                walk(node, edge)
+    for edge, (node, _) in enumerate(edges):
+        if not seen[edge]:
+            walk(node, edge)
+    return paths, np.array(sides)
+
+
+def mark_corners(graph: Graph, reach: int) -> None:
+    """Make anchors of the nodes where a border turns sharply, and put them where its arms meet."""
+    for path in trace(graph)[0]:
+        closed = path[0] == path[-1] and not graph.anchors[path[0]]
+        nodes = path[:-1] if closed else path
+        arm = min(reach, len(nodes) // 8)
+        if arm < 2:
+            continue
+        ring = np.r_[nodes[-arm:], nodes, nodes[:arm]] if closed else nodes
+        points = graph.points[ring]
+        back = points[arm:-arm] - points[: -2 * arm]
+        ahead = points[2 * arm :] - points[arm:-arm]
+        turn = angle_between(back, ahead)
+        for k in peaks(turn, CORNER_ANGLE, arm, closed):
+            here = ring[k + arm]
+            graph.anchors[here] = graph.corners[here] = True
+            graph.points[here] = meeting_point(points[k : k + 2 * arm + 1], arm)
+
+
+def angle_between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the angles between the vectors u and v (n, 2) in degrees."""
+    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return np.degrees(np.arctan2(np.abs(cross), np.einsum("nd,nd->n", u, v)))
+
+
+def peaks(values: np.ndarray, least: float, distance: int, closed: bool) -> list[int]:
+    """Return the places of the largest values above `least`, at least `distance` apart."""
+    found: list[int] = []
+    for k in np.argsort(-values, kind="stable").tolist():
+        if values[k] < least:
+            break
+        gaps = np.abs(np.array(found, int) - k)
+        if closed:
+            gaps = np.minimum(gaps, len(values) - gaps)
+        if (gaps >= distance).all():
+            found.append(k)
+    return found
+
+
+def meeting_point(points: np.ndarray, middle: int) -> np.ndarray:
+    """Return where the lines through the arms before and after node `middle` meet.
+
+    The lines go through the middles of the voxel edges, which takes out the stairs. A meeting point
+    more than a voxel away from the node is not believed.
+    """
+    middles = (points[1:] + points[:-1]) / 2
+    lines = []
+    for arm in (middles[:middle], middles[middle:]):
+        centre = arm.mean(axis=0)
+        direction = np.linalg.svd(arm - centre)[2][0]
+        normal = np.array([-direction[1], direction[0]])
+        lines.append([*normal, normal @ centre])
+    lines = np.array(lines)
+    if abs(np.linalg.det(lines[:, :2])) < 0.5:
+        return points[middle]
+    meeting = np.linalg.solve(lines[:, :2], lines[:, 2])
+    return meeting if np.abs(meeting - points[middle]).max() <= 1 else points[middle]
+
+
+def smooth_points(graph: Graph, wavelength: float, reach: int) -> np.ndarray:
+    """Return the nodes (n, 2) moved onto smooth curves by less than half a voxel.
+
+    Minimises Σ |x − x⁰|² + α Σ |x_i − (x_j + x_k)/2|² over the nodes i with neighbours j, k along a
+    curve (Whittaker's smoother): it straightens stairs and, unlike averaging, hardly shrinks.
+    α damps waves of `wavelength` nodes by half. Corners stay, image-border nodes stay on their line.
+    """
+    node, neighbours = neighbours_along_curves(graph, reach)
+    row = np.arange(len(node))
+    bend = sparse.csr_matrix(
+        (
+            np.r_[np.ones(len(node)), np.full(2 * len(node), -0.5)],
+            (np.r_[row, row, row], np.r_[node, neighbours[:, 0], neighbours[:, 1]]),
+        ),
+        shape=(len(node), len(graph.points)),
+    )
+    alpha = (1 - np.cos(2 * np.pi / wavelength)) ** -2
+    system = sparse.identity(len(graph.points)) + alpha * (bend.T @ bend)
+    smooth = graph.points.copy()
+    for axis in range(2):
+        fixed = graph.corners | graph.on_border[:, axis]
+        free = np.flatnonzero(~fixed)
+        known = system[free][:, fixed] @ graph.points[fixed, axis]
+        matrix = system[free][:, free].tocsc()
+        smooth[free, axis] = spsolve(matrix, graph.points[free, axis] - known)
+    return graph.points + np.clip(smooth - graph.points, -LARGEST_SHIFT, LARGEST_SHIFT)
+
+
+def neighbours_along_curves(graph: Graph, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes (k,) that lie inside a curve, and their two neighbours along it (k, 2).
+
+    A border that runs straight through a junction counts as one curve there.
+    """
+    nodes, neighbours = [], []
+    branches: dict[int, list[tuple[int, np.ndarray]]] = {}
+    for path in trace(graph)[0]:
+        nodes.append(path[1:-1])
+        neighbours.append(np.c_[path[:-2], path[2:]])
+        if path[0] == path[-1] and not graph.anchors[path[0]]:
+            nodes.append(path[:1])
+            neighbours.append(path[[1, -2]][None])
+            continue
+        for way in (path, path[::-1]):
+            far = graph.points[way[min(reach, len(way) - 1)]] - graph.points[way[0]]
+            branches.setdefault(int(way[0]), []).append((int(way[1]), far))
+    for node, arms in branches.items():
+        if len(arms) != 3:
+            continue
+        far = np.array([direction for _, direction in arms])
+        angles = angle_between(far[[1, 2, 0]], far[[2, 0, 1]])
+        if angles.max() >= STRAIGHT_ANGLE:
+            through = [arms[k][0] for k in range(3) if k != angles.argmax()]
+            nodes.append(np.array([node]))
+            neighbours.append(np.array([through]))
+    return np.concatenate(nodes), np.vstack(neighbours)
+
+
+def regular_cuts(curves: list[np.ndarray], ends: np.ndarray, spacing: float) -> list[np.ndarray]:
+    """Return the arc lengths that cut each curve into equal pieces of about `spacing`.
+
+    Closed curves get at least three pieces; of several curves that join the same two anchors, each
+    gets at least two, or they would be one.
+    """
+    lengths = [arc_lengths(curve)[-1] for curve in curves]
+    pieces = np.maximum(1, np.rint(np.array(lengths) / spacing)).astype(int)
+    _, group, count = np.unique(
+        np.sort(ends, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    pieces = np.where(count[group.ravel()] > 1, np.maximum(pieces, 2), pieces)
+    pieces = np.where(ends[:, 0] == ends[:, 1], np.maximum(pieces, 3), pieces)
+    return [np.linspace(0, s, n + 1) for s, n in zip(lengths, pieces, strict=True)]
+
+
+def arc_lengths(curve: np.ndarray) -> np.ndarray:
+    """Return the arc length at each point of a polyline (k, 2), from 0. Shape (k,)."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+
+
+def equal_area_points(curve: np.ndarray, cuts: np.ndarray) -> np.ndarray:
+    """Return points (p, 2) near the given arc lengths whose polygon has the area of the curve.
+
+    A polygon inscribed into a curve loses the slivers between arc and chord. Each inner point is
+    moved along the normal by half of both slivers next to it over half the chord of its neighbours,
+    which gives the area back and keeps straight curves as they are.
+    """
+    arc = arc_lengths(curve)
+    points = np.c_[np.interp(cuts, arc, curve[:, 0]), np.interp(cuts, arc, curve[:, 1])]
+    # Signed area swept from the origin along the curve, at its points and at the cuts.
+    origin = curve[0]
+    x, y = (curve - origin).T
+    swept = np.r_[0.0, np.cumsum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2]
+    at = np.clip(np.searchsorted(arc, cuts, side="right") - 1, 0, len(arc) - 1)
+    u, v = curve[at] - origin, points - origin
+    at_cuts = swept[at] + (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    chord = (v[:-1, 0] * v[1:, 1] - v[1:, 0] * v[:-1, 1]) / 2
+    sliver = np.diff(at_cuts) - chord  # positive when the curve runs right of its chord
+    reach = points[2:] - points[:-2]
+    length2 = np.maximum(np.einsum("pd,pd->p", reach, reach), 1e-300)
+    right = np.c_[reach[:, 1], -reach[:, 0]]
+    share = np.clip((sliver[:-1] + sliver[1:]) / length2, -0.25, 0.25)
+    points[1:-1] += share[:, None] * right
+    return points

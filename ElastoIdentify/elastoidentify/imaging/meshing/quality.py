@@ -1,0 +1,48 @@
+"""Angles, areas and volumes of cells: how good a mesh is."""
+
+from itertools import combinations
+
+import numpy as np
+
+
+def triangle_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the signed areas (m,) of plane triangles; positive is counter-clockwise.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    triangles : ndarray of int, shape (m, 3)
+    """
+    a, b, c = points[triangles].transpose(1, 2, 0)
+    return 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def triangle_angles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the angle at each corner in degrees, shape (m, 3); points (n, 2) or (n, 3)."""
+    corners = points[triangles]
+    angles = np.empty(triangles.shape)
+    for k in range(3):
+        u = corners[:, (k + 1) % 3] - corners[:, k]
+        v = corners[:, (k + 2) % 3] - corners[:, k]
+        lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+        cosine = np.einsum("md,md->m", u, v) / np.maximum(lengths, 1e-300)
+        angles[:, k] = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    return angles
+
+
+def tetrahedron_volumes(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
+    """Return the signed volumes (m,); positive when node 3 sees 0, 1, 2 clockwise (VTK's order)."""
+    a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
+    return np.einsum("md,md->m", np.cross(b - a, c - a), d - a) / 6
+
+
+def dihedral_angles(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
+    """Return the angles between the faces of each tetrahedron in degrees, shape (m, 6)."""
+    normals = []
+    for face in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)):  # all outward, or all inward
+        a, b, c = (points[tetrahedra[:, k]] for k in face)
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normals.append(normal / np.maximum(length, 1e-300))
+    cosines = [-np.einsum("md,md->m", u, v) for u, v in combinations(normals, 2)]
+    return np.degrees(np.arccos(np.clip(cosines, -1, 1))).T

@@ -1,0 +1,51 @@
+"""Nodes where an outside body may push: no force balance can be asked of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import InputError
+from ..image import Image
+
+
+def on_image_border(points: np.ndarray, image: Image) -> np.ndarray:
+    """Return which world points (n, 3) lie on the outer voxel edges of the image. Shape (n,).
+
+    The slice direction of a planar image has no border.
+    """
+    size = np.array(image.size)
+    index = image.world_to_index(points)
+    touching = (np.abs(index + 0.5) < 1e-6 * size) | (np.abs(index - size + 0.5) < 1e-6 * size)
+    if image.planar_axis is not None:
+        touching[:, image.planar_axis] = False
+    return touching.any(axis=1)
+
+
+def check_boxes(boxes: Sequence[Sequence[float]]) -> list[np.ndarray]:
+    """Return boxes as arrays (2 or 3, 2) of lower and upper bounds, or raise `InputError`."""
+    checked = []
+    for number, box in enumerate(boxes, start=1):
+        try:
+            bounds = np.asarray(box, float).ravel()
+        except (TypeError, ValueError):
+            bounds = np.empty(0)
+        if bounds.size not in (4, 6) or np.isnan(bounds).any():
+            raise InputError(
+                f"reaction box {number} is {box!r}: give x0,x1,y0,y1 or x0,x1,y0,y1,z0,z1 in world units"
+            )
+        bounds = bounds.reshape(-1, 2)
+        if (bounds[:, 0] > bounds[:, 1]).any():
+            raise InputError(
+                f"reaction box {number} is {box!r}: each lower bound must come before its upper bound"
+            )
+        checked.append(bounds)
+    return checked
+
+
+def inside_box(points: np.ndarray, bounds: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return which points (n, 3) lie in the closed box (2 or 3, 2). Shape (n,).
+
+    A box of two axes reaches through all z.
+    """
+    inner = points[:, : len(bounds)]
+    return ((inner >= bounds[:, 0] - tolerance) & (inner <= bounds[:, 1] + tolerance)).all(axis=1)

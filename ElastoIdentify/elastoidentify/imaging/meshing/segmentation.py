@@ -1,0 +1,256 @@
+"""The public function: a labelled image in, a mesh in the world out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import InputError
+from ...progress import Progress, part, silent
+from ..image import Image
+from .quality import dihedral_angles, triangle_angles
+from .reactions import check_boxes, inside_box, on_image_border
+from .regions import remove_islands
+from .tetrahedra import mesh_tetrahedra
+from .triangles import mesh_triangles
+
+MOST_CELLS = 2_000_000
+POOR_ANGLE = {2: 25.0, 3: 10.0}  # degrees; below it, the notes say so
+
+
+@dataclass
+class LabelMesh:
+    """A conforming mesh with one label per cell.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        World coordinates, in the length unit of the image.
+    cells : ndarray of int, shape (m, 3) or (m, 4)
+        Triangles or tetrahedra. Tetrahedra have positive volume; triangles run counter-clockwise
+        seen from where the largest component of their plane's normal points to (for a slice in the
+        xy plane: counter-clockwise in x, y).
+    labels : ndarray of int32, shape (m,)
+    reaction_nodes : ndarray of uint8, shape (n,)
+        1 where an outside body may push, so that no force balance may be asked of the node.
+    notes : list of str
+        Sentences for people: what was left out, and where the mesh is poor.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    labels: np.ndarray
+    reaction_nodes: np.ndarray
+    notes: list[str] = field(default_factory=list)
+
+
+def mesh_segmentation(
+    segmentation: Image,
+    edge_length: float,
+    *,
+    rigid_labels: Sequence[int] = (),
+    reaction_boxes: Sequence[Sequence[float]] = (),
+    border_reactions: bool = True,
+    progress: Progress | None = None,
+) -> LabelMesh:
+    """Cover the labels of a segmentation with a conforming mesh that follows their borders.
+
+    Parameters
+    ----------
+    segmentation : Image
+        Labels, whole numbers; 0 is background. One slice of any orientation gives triangles in its
+        plane, a volume gives tetrahedra. Labels reach to the outer edge of their voxels, also at
+        the image border.
+    edge_length : float
+        Edge length of the cells, in world units (usually mm).
+    rigid_labels : sequence of int
+        Labels of bodies that do not deform (floor, indenter). They get no cells; the nodes they
+        share with other labels become reaction nodes.
+    reaction_boxes : sequence of (x0, x1, y0, y1) or (x0, x1, y0, y1, z0, z1)
+        World boxes whose nodes become reaction nodes.
+    border_reactions : bool
+        Whether nodes on the image border become reaction nodes: what lies beyond is not seen and
+        may push.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the segmentation holds no label, or values that are no labels; if the edge length is not
+        positive, larger than every region, or gives more than two million cells; if a rigid label
+        is absent or a box is malformed.
+    """
+    progress = part(progress, 0.0, 1.0)
+    labels = checked_labels(segmentation)
+    boxes = check_boxes(reaction_boxes)
+    check_rigid(labels, rigid_labels)
+    smallest = check_edge_length(labels, segmentation, edge_length)
+
+    progress(0.0, "Islands")
+    labels, removed = remove_islands(labels, smallest)
+    notes = island_notes(removed, edge_length, segmentation)
+    if segmentation.planar_axis is None:
+        points, cells, cell_labels = mesh_tetrahedra(
+            labels, segmentation.spacing, edge_length, part(progress, 0.02, 0.95)
+        )
+        index = points / segmentation.spacing
+    else:
+        across = segmentation.planar_axis
+        along = [axis for axis in range(3) if axis != across]
+        plane, cells, cell_labels = mesh_triangles(
+            labels.squeeze(2 - across),
+            segmentation.spacing[along],
+            edge_length,
+            part(progress, 0.02, 0.95),
+        )
+        index = np.zeros((len(plane), 3))
+        index[:, along] = plane / segmentation.spacing[along]
+    points = segmentation.index_to_world(index)
+    cells = oriented(points, cells)
+    notes += lost_label_notes(labels, cell_labels)
+
+    reaction = np.zeros(len(points), bool)
+    rigid = np.isin(cell_labels, list(rigid_labels))
+    reaction[np.unique(cells[rigid])] = True
+    used, cells = np.unique(cells[~rigid], return_inverse=True)
+    points, reaction, cell_labels = points[used], reaction[used], cell_labels[~rigid]
+    cells = cells.reshape(len(cell_labels), -1)
+    if border_reactions:
+        reaction |= on_image_border(points, segmentation)
+    for number, bounds in enumerate(boxes, start=1):
+        inside = inside_box(points, bounds, 1e-6 * edge_length)
+        reaction |= inside
+        if not inside.any():
+            notes.append(f"Reaction box {number} holds no node of the mesh.")
+    notes += quality_notes(points, cells)
+    progress(1.0, "Mesh")
+    return LabelMesh(points, cells, cell_labels.astype(np.int32), reaction.astype(np.uint8), notes)
+
+
+def checked_labels(segmentation: Image) -> np.ndarray:
+    """Return the labels as int64, or raise `InputError`."""
+    values = segmentation.array
+    if values.dtype.kind not in "buif":
+        raise InputError(
+            f"the segmentation has values of type {values.dtype}: labels are whole numbers"
+        )
+    if not np.isfinite(values).all():
+        raise InputError(
+            "the segmentation has values that are not finite: set background voxels to 0"
+        )
+    if values.dtype.kind == "f" and (values != np.rint(values)).any():
+        raise InputError(
+            "the segmentation has fractional values: give a labelmap with whole numbers, not an "
+            "image or a probability map"
+        )
+    if values.size and values.min() < 0:
+        raise InputError(
+            f"the segmentation has negative labels (down to {values.min():g}): use 0 for "
+            "background and numbers above 0 for labels"
+        )
+    if not values.any():
+        raise InputError("the segmentation has no label above 0: there is nothing to mesh")
+    if values.max() > np.iinfo(np.int32).max:
+        raise InputError(f"the segmentation has a label too large for a mesh ({values.max():g})")
+    return values.astype(np.int64)
+
+
+def check_rigid(labels: np.ndarray, rigid_labels: Sequence[int]) -> None:
+    """Raise `InputError` unless the rigid labels are there and leave something to mesh."""
+    present = [int(label) for label in np.unique(labels) if label > 0]
+    absent = [label for label in rigid_labels if label not in present]
+    if absent:
+        raise InputError(
+            f"rigid label {absent[0]} is not in the segmentation, which has {named(present)}"
+        )
+    if set(present) <= set(rigid_labels):
+        raise InputError("all labels are rigid: nothing is left to mesh")
+
+
+def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: float) -> float:
+    """Return the voxels of one cell, or raise `InputError`."""
+    if not (np.ndim(edge_length) == 0 and np.isfinite(edge_length) and edge_length > 0):
+        raise InputError(f"edge length is {edge_length}: give a length above 0 in world units")
+    dimension = 3 if segmentation.planar_axis is None else 2
+    sizes = np.delete(segmentation.spacing, [] if dimension == 3 else segmentation.planar_axis)
+    # A cell: the equilateral triangle; the tetrahedron of a body-centred cubic lattice.
+    shape = np.sqrt(3) / 4 if dimension == 2 else 1 / 12
+    voxels_per_cell = shape * edge_length**dimension / sizes.prod()
+    count = np.count_nonzero(labels) / voxels_per_cell
+    if count > MOST_CELLS:
+        least = edge_length * (count / MOST_CELLS) ** (1 / dimension)
+        raise InputError(
+            f"edge length {edge_length:g} would give about {count:.1e} cells: use {least:.2g} or "
+            "more"
+        )
+    largest = (
+        np.bincount(labels.ravel().astype(np.intp))[1:].max()
+        if labels.max() < 10**6
+        else max(np.unique(labels[labels > 0], return_counts=True)[1])
+    )
+    if largest < voxels_per_cell:
+        most = edge_length * (largest / voxels_per_cell) ** (1 / dimension)
+        raise InputError(
+            f"edge length {edge_length:g} is larger than every label: use less than {most:.2g}"
+        )
+    return voxels_per_cell
+
+
+def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return cells with positive orientation in the world, as `LabelMesh` says."""
+    corners = points[cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    if cells.shape[1] == 4:
+        size = np.einsum("md,md->m", normal, edges[:, 2])
+    else:
+        size = normal[:, np.abs(normal.sum(axis=0)).argmax()]
+    cells = cells.copy()
+    cells[size < 0] = cells[size < 0][:, [1, 0, *range(2, cells.shape[1])]]
+    return cells
+
+
+def island_notes(removed: dict[int, int], edge_length: float, segmentation: Image) -> list[str]:
+    """Return a sentence per label from which small regions were taken."""
+    notes = []
+    for label, count in removed.items():
+        what = "hole" if label == 0 else f"island of label {label}"
+        plural, went = ("s", "were") if count > 1 else ("", "was")
+        what = what.replace("island", f"island{plural}") if label else what + plural
+        notes.append(
+            f"{count} {what} smaller than one cell of edge {edge_length:g} {went} given to the "
+            "label around."
+        )
+    return notes
+
+
+def lost_label_notes(labels: np.ndarray, cell_labels: np.ndarray) -> list[str]:
+    """Return a sentence when labels of the segmentation got no cell."""
+    lost = np.setdiff1d(labels[labels > 0], cell_labels)
+    if not len(lost):
+        return []
+    return [f"The mesh has no cell of {named(lost)}: too thin for this edge length."]
+
+
+def quality_notes(points: np.ndarray, cells: np.ndarray) -> list[str]:
+    """Return a sentence when cells are poor, with where the worst one is."""
+    dimension = cells.shape[1] - 1
+    angles = triangle_angles if dimension == 2 else dihedral_angles
+    smallest = angles(points, cells).min(axis=1)
+    poor = int((smallest < POOR_ANGLE[dimension]).sum())
+    if not poor:
+        return []
+    worst = points[cells[smallest.argmin()]].mean(axis=0)
+    kind = "an angle" if dimension == 2 else "a dihedral angle"
+    place = ", ".join(f"{value:.4g}" for value in worst)
+    return [
+        f"{poor} of {len(cells)} cells have {kind} below {POOR_ANGLE[dimension]:g}° (smallest "
+        f"{smallest.min():.1f}° at {place}): labels are thin or meet at a sharp angle there; a "
+        "smaller edge length helps."
+    ]
+
+
+def named(labels) -> str:
+    """Return 'label 3' or 'labels 1, 2, 3'."""
+    names = ", ".join(str(int(label)) for label in labels)
+    return f"label{'s' if len(labels) > 1 else ''} {names}"
