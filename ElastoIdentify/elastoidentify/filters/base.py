@@ -1,0 +1,301 @@
+"""What all filters of ElastoIdentify have in common.
+
+VTK cannot pass a Python exception through its pipeline: an exception in ``RequestData`` is printed
+and lost, and the caller goes on with empty data. So a filter here keeps the exception, shows it as
+one line where VTK shows errors (ParaView's message window, or the terminal), empties its output,
+and raises it from the Python call that asked for the update.
+"""
+
+import contextlib
+import difflib
+import re
+import weakref
+from dataclasses import dataclass
+
+from vtkmodules.util.misc import calldata_type
+from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
+from vtkmodules.util.vtkConstants import VTK_STRING
+from vtkmodules.vtkCommonCore import vtkOutputWindow
+from vtkmodules.vtkCommonDataModel import vtkDataObject
+from vtkmodules.vtkCommonExecutionModel import (
+    vtkAlgorithm,
+    vtkAlgorithmOutput,
+    vtkDemandDrivenPipeline,
+)
+
+from ..errors import Cancelled, InputError
+from .options import Option
+
+failure_listeners = []
+"""Callables ``listener(filter, exception)`` that a host adds to learn of every failure."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input port: what it is called, the type of its data, whether it takes several."""
+
+    name: str
+    data_type: str
+    repeatable: bool = False
+
+
+class Filter(VTKPythonAlgorithmBase):
+    """A VTK filter whose settings are keywords and properties, and whose failures raise.
+
+    A subclass declares `ports`, its options (see :mod:`.options`) and ``execute``, which gets one
+    argument per port (a list for a repeatable port) and the progress callable, and returns the
+    output. It raises what it has to; nothing of a failed run reaches the output.
+
+    Parameters
+    ----------
+    **settings
+        Any option of the filter by name, e.g. ``LameIdentification(method="global")``.
+    """
+
+    ports: tuple[Port, ...] = ()
+    output_type = "vtkUnstructuredGrid"
+
+    def __init__(self, **settings):
+        self._errors, self._depth = [], 0
+        VTKPythonAlgorithmBase.__init__(
+            self, nInputPorts=len(self.ports), nOutputPorts=1, outputType=self.output_type
+        )
+        self.AddObserver("StartEvent", _run_starts)
+        self.AddObserver("EndEvent", _run_ends)
+        self._listen_to_executive()
+        for name, value in settings.items():
+            if not hasattr(type(self), name):
+                raise TypeError(self._unknown(name))
+            setattr(self, name, value)
+
+    # ---- settings
+
+    def __setattr__(self, name, value):
+        if not (name.startswith("_") or hasattr(type(self), name) or name in _BASE_ATTRIBUTES):
+            raise AttributeError(self._unknown(name))
+        super().__setattr__(name, value)
+
+    @classmethod
+    def options(cls) -> dict[str, Option]:
+        """Return the options of the class by name, in the order of declaration."""
+        found = {}
+        for base in reversed(cls.__mro__):
+            found.update({k: v for k, v in vars(base).items() if isinstance(v, Option)})
+        return found
+
+    def _unknown(self, name: str) -> str:
+        near = difflib.get_close_matches(name, dir(type(self)), n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(self.options())}"
+        return f"{self.GetClassName()} has no setting {name!r}{hint}"
+
+    def GetClassName(self):
+        """Return the filter's own name (VTK would say vtkPythonAlgorithm)."""
+        return type(self).__name__
+
+    # ---- inputs and outputs
+
+    def FillInputPortInformation(self, port, info):
+        """Declare every port optional: what is missing is said by name when the filter runs."""
+        info.Set(vtkAlgorithm.INPUT_REQUIRED_DATA_TYPE(), self.ports[port].data_type)
+        info.Set(vtkAlgorithm.INPUT_IS_OPTIONAL(), 1)
+        if self.ports[port].repeatable:
+            info.Set(vtkAlgorithm.INPUT_IS_REPEATABLE(), 1)
+        return 1
+
+    def SetInputData(self, *port_and_data):
+        """Set the data of a port: ``SetInputData(data)`` or ``SetInputData(port, data)``."""
+        self.SetInputDataObject(*port_and_data)
+
+    def GetInput(self, port=0):
+        """Return the first data object on a port, or None."""
+        return self.GetInputDataObject(port, 0)
+
+    def GetOutput(self, port=0):
+        """Return the output."""
+        return self.GetOutputDataObject(port)
+
+    def _connect(self, port: int, source):
+        """Put a data object, an algorithm or its output port on an input port (None: nothing)."""
+        if source is None or isinstance(source, vtkDataObject):
+            self.SetInputDataObject(port, source)
+        else:
+            self.SetInputConnection(port, _output_port(source))
+
+    def _connect_one_more(self, port: int, source):
+        if isinstance(source, vtkDataObject):
+            self.AddInputDataObject(port, source)
+        else:
+            self.AddInputConnection(port, _output_port(source))
+
+    # ---- running
+
+    def execute(self, *inputs, progress):
+        """Do the work: return the output data object or raise."""
+        raise NotImplementedError
+
+    def RequestData(self, request, inInfo, outInfo):
+        """Run, and publish the result only if all went well."""
+        info = outInfo.GetInformationObject(0)
+        output = info.Get(vtkDataObject.DATA_OBJECT())
+        try:
+            output.ShallowCopy(self.execute(*self._inputs(inInfo), progress=self._report))
+        except (Exception, KeyboardInterrupt) as error:
+            self._fail(error)
+            output.Initialize()
+            info.Set(vtkDemandDrivenPipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
+            return 0
+        return 1
+
+    def _inputs(self, inInfo):
+        for number, port in enumerate(self.ports):
+            vector = inInfo[number]
+            objects = [
+                vector.GetInformationObject(i).Get(vtkDataObject.DATA_OBJECT())
+                for i in range(vector.GetNumberOfInformationObjects())
+            ]
+            if not objects:
+                raise InputError(
+                    f"no {port.name} given: connect a {port.data_type} to input port {number}"
+                )
+            yield objects if port.repeatable else objects[0]
+
+    def _report(self, fraction: float, text: str):
+        """Show progress; the :data:`~elastoidentify.progress.Progress` handed to the library."""
+        self.SetProgressText(text)
+        self.UpdateProgress(min(max(float(fraction), 0.0), 1.0))
+        if self.GetAbortExecute() or (hasattr(self, "CheckAbort") and self.CheckAbort()):
+            raise Cancelled(f"{self.GetClassName()} was cancelled")
+
+    # ---- failing
+
+    def _fail(self, error: BaseException):
+        if isinstance(error, InputError | Cancelled):
+            error = error.with_traceback(None)  # says all by itself; frames would hold the data
+        self._errors.append(error)
+        self._listen_to_executive()
+        if not isinstance(error, Cancelled):
+            vtkOutputWindow.GetInstance().DisplayErrorText(f"ERROR: {self.GetLastError()}\n")
+        for listener in failure_listeners:
+            listener(self, error)
+
+    def _listen_to_executive(self):
+        """Hear what VTK's executive has to say, instead of letting it print its many lines."""
+        executive = self.GetExecutive()
+        if not executive.HasObserver("ErrorEvent"):
+            executive.AddObserver("ErrorEvent", _executive_ear(weakref.ref(self)))
+
+    def GetLastError(self) -> str:
+        """Return the last run's failure as one line, ``""`` if it went well."""
+        if not self._errors:
+            return ""
+        error = self._errors[0]
+        text = " ".join(str(error).split())
+        if not isinstance(error, InputError | Cancelled):
+            text = f"{type(error).__name__}: {text}"
+        return f"{self.GetClassName()}: {text}"
+
+    @property
+    def last_error(self) -> str:
+        """The last run's failure as one line, ``""`` if it went well."""
+        return self.GetLastError()
+
+    def Update(self, *args):
+        """Bring the output up to date, and raise what made this filter or one before it fail."""
+        result = super().Update(*args)
+        self._raise_first_error()
+        return result
+
+    def UpdateWholeExtent(self):
+        """Bring the whole output up to date, as :meth:`Update` does."""
+        result = super().UpdateWholeExtent()
+        self._raise_first_error()
+        return result
+
+    def update(self, *args, **kwargs):
+        """Bring the output up to date; ``filter.update().output`` is the output."""
+        if hasattr(VTKPythonAlgorithmBase, "update"):
+            return super().update(*args, **kwargs)
+        self.Update()
+        return self
+
+    if not hasattr(VTKPythonAlgorithmBase, "output"):
+
+        @property
+        def output(self):
+            """The output, as in newer VTK."""
+            return self.GetOutput()
+
+    def __call__(self, data=None):
+        """Return a copy of the output for `data` on port 0; the filter keeps its connections."""
+        connections = [self.GetInputConnection(0, i) for i in range(self._number_of_inputs())]
+        producers = [connection.GetProducer() for connection in connections]  # kept alive
+        try:
+            if data is not None:
+                self.SetInputData(data)
+            self.Update()
+            copy = self.GetOutput().NewInstance()
+            copy.ShallowCopy(self.GetOutput())
+        finally:
+            if data is not None:
+                self.RemoveAllInputConnections(0)
+                for connection in connections:
+                    self.AddInputConnection(0, connection)
+            del producers
+        return copy
+
+    def _number_of_inputs(self):
+        return self.GetNumberOfInputConnections(0) if self.ports else 0
+
+    def _raise_first_error(self):
+        for algorithm in _upstream(self):
+            for error in getattr(algorithm, "_errors", ()):
+                raise error
+
+
+_BASE_ATTRIBUTES = {"NumberOfInputPorts", "NumberOfOutputPorts", "InputType", "OutputType"}
+
+
+def _run_starts(filter, event):
+    """Forget the last run's failures. A run over blocks holds one run per block."""
+    if filter._depth == 0:
+        filter._errors.clear()
+    filter._depth += 1
+
+
+def _run_ends(filter, event):
+    filter._depth = max(filter._depth - 1, 0)
+
+
+def _executive_ear(reference):
+    """Return an observer that keeps wrong connections as errors and drops VTK's echo of ours."""
+
+    @calldata_type(VTK_STRING)
+    def hear(executive, event, message):
+        filter = reference()
+        if filter is None or "returned failure for request" in message:
+            return
+        text = " ".join(message.split()).partition("): ")[2] or message
+        error = InputError(re.sub(r" (for|of) algorithm \S+ ?\(0x\w+\)", "", text))
+        filter._errors[:] = [*filter._errors, error] if filter._depth else [error]
+        vtkOutputWindow.GetInstance().DisplayErrorText(f"ERROR: {filter.GetLastError()}\n")
+
+    return hear
+
+
+def _output_port(source) -> vtkAlgorithmOutput:
+    with contextlib.suppress(AttributeError):
+        return source if isinstance(source, vtkAlgorithmOutput) else source.GetOutputPort()
+    raise InputError(f"expected a data object or a filter, not {type(source).__name__}")
+
+
+def _upstream(algorithm, seen=None):
+    """Yield the algorithms that lead to `algorithm`, the first in the chain first."""
+    seen = set() if seen is None else seen
+    if algorithm is None or algorithm in seen:
+        return
+    seen.add(algorithm)
+    for port in range(algorithm.GetNumberOfInputPorts()):
+        for i in range(algorithm.GetNumberOfInputConnections(port)):
+            connection = algorithm.GetInputConnection(port, i)
+            yield from _upstream(connection and connection.GetProducer(), seen)
+    yield algorithm
