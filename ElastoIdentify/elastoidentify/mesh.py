@@ -1,4 +1,4 @@
-"""The mesh of the numerics: nodes, cells of one dimension, and what the mathematics asks of them."""
+"""The mesh of the numerics: nodes and cells of one dimension."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
