@@ -19,7 +19,9 @@ OUTSIDE = -1  # what lies around the image, told from the background 0
 
 CORNER_ANGLE = 60.0  # degrees; a border that turns more than this within a few voxels has a corner
 STRAIGHT_ANGLE = 150.0  # degrees; two branches of a junction at least so open are one line
-LARGEST_SHIFT = 0.49  # voxels; below one half, smoothed borders can touch but never cross
+LARGEST_SHIFT = 0.45  # voxels; below one half, smoothed borders come close but never cross
+CLOSE_ANCHORS = 0.35  # of the edge length; nearer ones become one node
+OPEN_ANGLE = 30.0  # degrees between the branches of such a node, at least
 
 
 @dataclass
@@ -87,6 +89,11 @@ class Network:
             pieces.append(np.c_[np.full(len(ids) - 1, number), np.arange(len(ids) - 1)])
         return np.vstack([anchors, *inner]), np.vstack(segments), np.vstack(pieces)
 
+    def resolve(self, numbers: np.ndarray) -> None:
+        """Cut the given curves at all their points, which never cross those of another curve."""
+        for number in numbers:
+            self.cuts[number] = arc_lengths(self.curves[number])
+
     def split(self, pieces: np.ndarray) -> None:
         """Cut the given (curve, piece) pairs in two."""
         for number in np.unique(pieces[:, 0]):
@@ -103,10 +110,71 @@ def build_network(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -
     mark_corners(graph, reach)
     smooth = smooth_points(graph, np.clip(1.5 * voxels_per_edge, 8, 24), reach) * spacing
     paths, sides = trace(graph)
-    number = np.cumsum(np.isin(np.arange(len(smooth)), [p[[0, -1]] for p in paths])) - 1
-    ends = np.array([number[path[[0, -1]]] for path in paths])
-    curves = [smooth[path] for path in paths]
-    return Network(curves, sides, ends, regular_cuts(curves, ends, edge_length))
+    anchors, ends = np.unique([path[[0, -1]] for path in paths], return_inverse=True)
+    network = Network([smooth[path] for path in paths], sides, ends.reshape(-1, 2), [])
+    pinned = graph.on_border[anchors] | graph.corners[anchors, None]
+    merge_close_anchors(network, pinned, edge_length)
+    network.cuts = regular_cuts(network.curves, network.ends, edge_length)
+    return network
+
+
+def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float) -> None:
+    """Shrink curves much shorter than an edge to a node, unless that makes a sharp angle.
+
+    A junction of four labels is stored as two junctions of three a voxel apart, and a short edge
+    between them would need tiny cells. The end of a thin layer stays: its two sides would meet.
+
+    Parameters
+    ----------
+    network : Network
+        Changed in place.
+    pinned : ndarray of bool, shape (a, 2)
+        Whether x (y) of each anchor must stay.
+    """
+    lengths = np.array([arc_lengths(curve)[-1] for curve in network.curves])
+    merged = np.zeros(len(lengths), bool)
+    for short in np.argsort(lengths, kind="stable").tolist():
+        if lengths[short] >= CLOSE_ANCHORS * edge_length:
+            break
+        one, other = network.ends[short]
+        joining = (np.sort(network.ends, axis=1) == sorted((one, other))).all(axis=1) & ~merged
+        if one == other or joining.sum() > 1:
+            continue
+        here, there = network.curves[short][[0, -1]]
+        if (pinned[one] & pinned[other] & (here != there)).any():
+            continue
+        place = np.where(pinned[one], here, np.where(pinned[other], there, (here + there) / 2))
+        branches = [
+            (number, way)
+            for number, way in np.argwhere(np.isin(network.ends, (one, other))).tolist()
+            if not merged[number] and number != short
+        ]
+        if smallest_opening(network, branches, place, edge_length) < OPEN_ANGLE:
+            continue
+        merged[short] = True
+        pinned[one] |= pinned[other]
+        for number, way in branches:
+            curve = network.curves[number][:: 1 - 2 * way]
+            near = np.linalg.norm(curve - place, axis=1) < 1.5 * lengths[short]
+            near[-1] = False
+            curve = np.vstack([place, curve[int(np.argmin(near)) or 1 :]])
+            network.curves[number] = curve[:: 1 - 2 * way]
+            network.ends[number, way] = one
+    network.curves = [c for c, gone in zip(network.curves, merged, strict=True) if not gone]
+    network.sides, network.ends = network.sides[~merged], network.ends[~merged]
+
+
+def smallest_opening(
+    network: Network, branches: list[tuple[int, int]], place: np.ndarray, reach: float
+) -> float:
+    """Return the smallest angle in degrees between branches (curve, end) seen from a place."""
+    bearings = []
+    for number, way in branches:
+        curve = network.curves[number][:: 1 - 2 * way]
+        far = curve[min(np.searchsorted(arc_lengths(curve), reach), len(curve) - 1)] - place
+        bearings.append(np.degrees(np.arctan2(far[1], far[0])))
+    bearings = np.sort(bearings)
+    return float(np.diff(np.r_[bearings, bearings[0] + 360]).min())
 
 
 def label_graph(labels: np.ndarray) -> Graph:
@@ -214,9 +282,9 @@ def peaks(values: np.ndarray, least: float, distance: int, closed: bool) -> list
 def meeting_point(points: np.ndarray, middle: int) -> np.ndarray:
     """Return where the lines through the arms before and after node `middle` meet.
 
-    The lines go through the middles of the voxel edges, which takes out the stairs. A meeting point
-    more than a voxel away from the node is not believed.
+    The lines go through the middles of the voxel edges, which takes out the stairs.
     """
+    there = points[middle]
     middles = (points[1:] + points[:-1]) / 2
     lines = []
     for arm in (middles[:middle], middles[middle:]):
@@ -226,9 +294,9 @@ def meeting_point(points: np.ndarray, middle: int) -> np.ndarray:
         lines.append([*normal, normal @ centre])
     lines = np.array(lines)
     if abs(np.linalg.det(lines[:, :2])) < 0.5:
-        return points[middle]
+        return there
     meeting = np.linalg.solve(lines[:, :2], lines[:, 2])
-    return meeting if np.abs(meeting - points[middle]).max() <= 1 else points[middle]
+    return there + np.clip(meeting - there, -LARGEST_SHIFT, LARGEST_SHIFT)
 
 
 def smooth_points(graph: Graph, wavelength: float, reach: int) -> np.ndarray:
@@ -236,7 +304,8 @@ def smooth_points(graph: Graph, wavelength: float, reach: int) -> np.ndarray:
 
     Minimises Σ |x − x⁰|² + α Σ |x_i − (x_j + x_k)/2|² over the nodes i with neighbours j, k along a
     curve (Whittaker's smoother): it straightens stairs and, unlike averaging, hardly shrinks.
-    α damps waves of `wavelength` nodes by half. Corners stay, image-border nodes stay on their line.
+    α damps waves of `wavelength` nodes by half. Corners stay, and nodes of the image border stay on
+    their line.
     """
     node, neighbours = neighbours_along_curves(graph, reach)
     row = np.arange(len(node))

@@ -31,12 +31,14 @@ def check_boxes(boxes: Sequence[Sequence[float]]) -> list[np.ndarray]:
             bounds = np.empty(0)
         if bounds.size not in (4, 6) or np.isnan(bounds).any():
             raise InputError(
-                f"reaction box {number} is {box!r}: give x0,x1,y0,y1 or x0,x1,y0,y1,z0,z1 in world units"
+                f"reaction box {number} is {box!r}: give x0,x1,y0,y1 or x0,x1,y0,y1,z0,z1 in "
+                "world units"
             )
         bounds = bounds.reshape(-1, 2)
         if (bounds[:, 0] > bounds[:, 1]).any():
             raise InputError(
-                f"reaction box {number} is {box!r}: each lower bound must come before its upper bound"
+                f"reaction box {number} is {box!r}: each lower bound must come before its upper "
+                "bound"
             )
         checked.append(bounds)
     return checked

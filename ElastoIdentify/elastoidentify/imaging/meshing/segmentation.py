@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import InputError
-from ...progress import Progress, part, silent
+from ...progress import Progress, part
 from ..image import Image
 from .quality import dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border

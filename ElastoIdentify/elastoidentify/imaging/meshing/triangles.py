@@ -10,13 +10,14 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
-from ...progress import Progress, silent
+from ...progress import Progress, part, silent
 from .interfaces import Network, build_network
 from .quality import triangle_angles, triangle_areas
 
-RELAXATIONS = 12
-GOOD_ANGLE = 27.0  # degrees; triangles below it are refined
-ROUNDS = 25
+RELAXATIONS = 10
+REFINEMENTS = 40  # rounds; usually a handful are needed
+GOOD_ANGLE = 26.0  # degrees; triangles below it are refined
+SHORTEST = 0.2  # segments are split down to this share of the edge length
 
 
 def mesh_triangles(
@@ -38,29 +39,56 @@ def mesh_triangles(
     progress(0.0, "Borders between labels")
     network = build_network(labels, spacing, edge_length)
     part_crossing_segments(network)
-    progress(0.2, "Nodes inside the labels")
-    fixed, segments, pieces = network.sample()
-    inner = lattice_points(labels, spacing, edge_length)
+    fixed, segments, _ = network.sample()
     frame = frame_points(labels.shape, spacing, edge_length)
-    for step in range(ROUNDS):
-        fixed, segments, pieces = network.sample()
+    inner = lattice_points(labels, spacing, edge_length)
+    inner = clear_of_segments(inner, fixed, segments, edge_length)
+    for step in range(RELAXATIONS):
+        progress(0.1 + 0.4 * step / RELAXATIONS, "Nodes inside the labels")
+        inner = relax(fixed, inner, frame)
         inner = clear_of_segments(inner, fixed, segments, edge_length)
-        if step < RELAXATIONS:
-            inner = relax(fixed, inner, frame, edge_length)
-            inner = clear_of_segments(inner, fixed, segments, edge_length)
-        points = np.vstack([fixed, inner, frame])
-        triangles = delaunay(points)
-        missing = ~contains_edges(triangles, segments, len(points))
-        progress(0.2 + 0.7 * step / ROUNDS, "Triangles")
-        if missing.any():
-            network.split(pieces[missing])
-        elif step >= RELAXATIONS:
-            break
-    label = classify(triangles, segments, network.sides[pieces[:, 0]], len(points))
+    points, triangles, label = refine(network, inner, frame, edge_length, part(progress, 0.5, 1.0))
     keep = label > 0
     used, triangles = np.unique(triangles[keep], return_inverse=True)
-    progress(1.0, "Triangles")
     return points[used], triangles.reshape(-1, 3), label[keep]
+
+
+def refine(
+    network: Network,
+    inner: np.ndarray,
+    frame: np.ndarray,
+    edge_length: float,
+    progress: Progress = silent,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Add nodes until the triangles hold every segment and have no small angle.
+
+    Delaunay refinement after Ruppert (J. Algorithms 18, 1995): a poor triangle gets a node at the
+    centre of its circumcircle, unless that comes too near to a segment, which is split instead.
+
+    Returns
+    -------
+    points (n, 2), triangles (m, 3) and their labels (m,), 0 outside.
+    """
+    for step in range(REFINEMENTS):
+        progress(step / REFINEMENTS, "Triangles")
+        fixed, segments, pieces = network.sample()
+        inner = inner[~encroached(inner, fixed, segments).any(axis=1)]
+        points = np.vstack([fixed, inner, frame])
+        triangulation = Delaunay(points)
+        triangles = counterclockwise(points, triangulation.simplices)
+        missing = ~contains_edges(triangles, segments, len(points))
+        if missing.any():
+            network.split(pieces[missing])
+            continue
+        region, label = classify(triangles, segments, network.sides[pieces[:, 0]], len(points))
+        added, split = improvements(triangulation, region, label, fixed, segments)
+        length = np.linalg.norm(np.diff(fixed[segments[split]], axis=1)[:, 0], axis=1)
+        split = split[length > 2 * SHORTEST * edge_length]
+        if not len(added) and not len(split):
+            break
+        network.split(pieces[split])
+        inner = np.vstack([inner, added])
+    return points, triangles, label
 
 
 def lattice_points(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> np.ndarray:
@@ -111,12 +139,76 @@ def clear_of_segments(
     return np.delete(inner, np.unique(pairs[:, 1]), axis=0)
 
 
-def relax(
-    fixed: np.ndarray, inner: np.ndarray, frame: np.ndarray, edge_length: float
-) -> np.ndarray:
+def encroached(places: np.ndarray, fixed: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Return which places (n, 2) lie in the circle about which of the segments near them.
+
+    Returns an array of bool, shape (n, k), for the k segments whose middles are nearest; see
+    `nearest_segments`.
+    """
+    distance, nearest = nearest_segments(places, fixed, segments)
+    length = np.linalg.norm(np.diff(fixed[segments], axis=1)[:, 0], axis=1)
+    return distance < 0.5 * length[nearest]
+
+
+def nearest_segments(
+    places: np.ndarray, fixed: np.ndarray, segments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return distance and number of the segments whose middles are nearest, nearest first (n, k)."""
+    k = np.arange(1, min(6, len(segments)) + 1)
+    return cKDTree(fixed[segments].mean(axis=1)).query(places.reshape(-1, 2), k)
+
+
+def improvements(
+    triangulation: Delaunay,
+    region: np.ndarray,
+    label: np.ndarray,
+    fixed: np.ndarray,
+    segments: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes to add (a, 2), and the segments to split (s,), that mend the poor triangles."""
+    points, triangles = triangulation.points, triangulation.simplices
+    angles = triangle_angles(points, triangles)
+    poor = np.flatnonzero((label > 0) & (angles.min(axis=1) < GOOD_ANGLE))
+    poor = poor[np.argsort(angles[poor].min(axis=1))]
+    if not len(poor):
+        return np.empty((0, 2)), np.empty(0, int)
+    centre, radius = circumcircles(points[triangles[poor]])
+    close = encroached(centre, fixed, segments)
+    near = nearest_segments(centre, fixed, segments)[1]
+    inside = triangulation.find_simplex(centre)
+    stays = (inside >= 0) & (region[inside] == region[poor])
+    blocked = close.any(axis=1) | ~stays
+    first = np.where(close.any(axis=1), close.argmax(axis=1), 0)
+    split = np.unique(near[blocked, first[blocked]])
+    centre, radius = centre[~blocked], radius[~blocked]
+    return centre[apart(centre, radius)], split
+
+
+def circumcircles(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return centres (m, 2) and radii (m,) of the circles through the corners (m, 3, 2)."""
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    uu, vv = np.einsum("md,md->m", u, u), np.einsum("md,md->m", v, v)
+    double = 2 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    offset = np.c_[v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu] / double[:, None]
+    return corners[:, 0] + offset, np.linalg.norm(offset, axis=1)
+
+
+def apart(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return which of the circles, first ones first, have no earlier kept centre inside. (n,)."""
+    kept = np.ones(len(centre), bool)
+    if len(centre) > 1:
+        pairs = cKDTree(centre).query_pairs(radius.max(), output_type="ndarray")
+        for first, second in pairs[np.lexsort(pairs.T)].tolist():
+            distance = np.linalg.norm(centre[first] - centre[second])
+            if kept[first] and kept[second] and distance < max(radius[first], radius[second]):
+                kept[second] = False
+    return kept
+
+
+def relax(fixed: np.ndarray, inner: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """Return the inner points moved to the middle of their neighbours."""
     points = np.vstack([fixed, inner, frame])
-    first, second = unique_edges(delaunay(points)).T
+    first, second = unique_edges(Delaunay(points).simplices).T
     total = np.zeros_like(points)
     for axis in range(2):
         total[:, axis] = np.bincount(first, points[second, axis], len(points))
@@ -126,12 +218,10 @@ def relax(
     return mean[len(fixed) : len(fixed) + len(inner)]
 
 
-def delaunay(points: np.ndarray) -> np.ndarray:
-    """Return the Delaunay triangles (m, 3), counter-clockwise, without slivers of no area."""
-    triangles = Delaunay(points).simplices
-    area = triangle_areas(points, triangles)
-    triangles[area < 0] = triangles[area < 0][:, ::-1]
-    return triangles[np.abs(area) > 1e-12 * np.ptp(points, axis=0).prod()]
+def counterclockwise(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the triangles (m, 3), those turned that run clockwise."""
+    clockwise = triangle_areas(points, triangles) < 0
+    return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
 
 def unique_edges(triangles: np.ndarray) -> np.ndarray:
@@ -151,12 +241,15 @@ def contains_edges(triangles: np.ndarray, segments: np.ndarray, count: int) -> n
 
 def part_crossing_segments(network: Network) -> None:
     """Cut curves finer where their chords cross or touch each other."""
-    for _ in range(6):
+    for halving in range(5):
         points, segments, pieces = network.sample()
-        crossing = crossing_segments(points, segments)
+        crossing = pieces[crossing_segments(points, segments)]
         if not len(crossing):
             return
-        network.split(pieces[crossing])
+        if halving < 3:
+            network.split(crossing)
+        else:
+            network.resolve(np.unique(crossing[:, 0]))
 
 
 def crossing_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
@@ -178,8 +271,8 @@ def crossing_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
 
 def classify(
     triangles: np.ndarray, segments: np.ndarray, sides: np.ndarray, count: int
-) -> np.ndarray:
-    """Return the label of each triangle (m,) from the labels left and right of the segments.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return region and label of each triangle (m,) from the labels left and right of segments.
 
     Triangles that meet across an edge that is no segment form one region; each segment tells the
     label of the region on either side.
@@ -208,4 +301,4 @@ def classify(
     votes = sparse.coo_matrix(
         (np.ones(len(told)), (told, number)), shape=(count_regions, len(names))
     ).tocsr()
-    return names[np.asarray(votes.argmax(axis=1)).ravel()][region]
+    return region, names[np.asarray(votes.argmax(axis=1)).ravel()][region]
