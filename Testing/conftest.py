@@ -1,0 +1,18 @@
+"""What the tests of every host share."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTING = Path(__file__).resolve().parent
+sys.path.insert(0, str(TESTING))  # for `import hosts`, in whatever environment the tests run
+
+
+@pytest.fixture(scope="session")
+def measured_data() -> Path:
+    """The folder of measured data beside the repository; skips where it is not there."""
+    folder = TESTING.parents[1] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"the measured data are not beside the repository ({folder.name} missing)")
+    return folder
