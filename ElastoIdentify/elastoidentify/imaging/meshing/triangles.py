@@ -153,7 +153,7 @@ def encroached(places: np.ndarray, fixed: np.ndarray, segments: np.ndarray) -> n
 def nearest_segments(
     places: np.ndarray, fixed: np.ndarray, segments: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return distance and number of the segments whose middles are nearest, nearest first (n, k)."""
+    """Return distance and number of the segments with the nearest middles, nearest first (n, k)."""
     k = np.arange(1, min(6, len(segments)) + 1)
     return cKDTree(fixed[segments].mean(axis=1)).query(places.reshape(-1, 2), k)
 
