@@ -58,9 +58,11 @@ function(elastoidentify_environment name)
   set(elastoidentify_test_stamps ${elastoidentify_test_stamps} "${stamp}" PARENT_SCOPE)
 endfunction()
 
-# elastoidentify_missing(<folder> <reason> <command>): this machine cannot have the environment.
-function(elastoidentify_missing folder reason command)
-  file(REMOVE_RECURSE "${folder}")
-  file(WRITE "${folder}/missing.txt" "${reason}\n${command}\n")
-  message(STATUS "Tests that will be skipped: ${reason}. To enable them: ${command}")
+# elastoidentify_missing(<name> FOLDER f REASON r COMMAND c): this machine cannot have it.
+function(elastoidentify_missing name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "FOLDER;REASON;COMMAND" "")
+  file(REMOVE_RECURSE "${arg_FOLDER}")
+  file(REMOVE "${CMAKE_BINARY_DIR}/environments/${name}.stamp")
+  file(WRITE "${arg_FOLDER}/missing.txt" "${arg_REASON}\n${arg_COMMAND}\n")
+  message(STATUS "The ${name} tests will be skipped: ${arg_REASON}. To enable: ${arg_COMMAND}")
 endfunction()

@@ -8,7 +8,12 @@ set(system_python /usr/bin/python3)
 
 find_program(PVPYTHON pvpython)
 if(NOT PVPYTHON)
-  elastoidentify_missing("${paraview_environment}" "pvpython is not installed" "${install_paraview}")
+  elastoidentify_missing(
+    paraview
+    FOLDER "${paraview_environment}"
+    REASON "pvpython is not installed"
+    COMMAND "${install_paraview}"
+  )
   return()
 endif()
 
@@ -20,9 +25,10 @@ execute_process(
 )
 if(failed)
   elastoidentify_missing(
-    "${paraview_environment}"
-    "${PVPYTHON} is there, but ${system_python} cannot import paraview and numpy"
-    "${install_paraview}"
+    paraview
+    FOLDER "${paraview_environment}"
+    REASON "${PVPYTHON} is there, but ${system_python} cannot import paraview and numpy"
+    COMMAND "${install_paraview}"
   )
   return()
 endif()

@@ -5,9 +5,10 @@
 set(slicer_environment "${environments}/slicer")
 if(Python3_VERSION VERSION_GREATER_EQUAL 3.14)
   elastoidentify_missing(
-    "${slicer_environment}"
-    "slicer-core has no package for Python ${Python3_VERSION}"
-    "cmake --preset default -DPython3_EXECUTABLE=/path/to/python3.13"
+    slicer
+    FOLDER "${slicer_environment}"
+    REASON "slicer-core has no package for Python ${Python3_VERSION}"
+    COMMAND "cmake --preset default -DPython3_EXECUTABLE=/path/to/python3.13"
   )
   return()
 endif()

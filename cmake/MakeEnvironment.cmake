@@ -14,7 +14,6 @@ function(run)
   endif()
   message(WARNING "The environment for ${NAME} could not be made; its tests will be skipped.")
   file(WRITE "${FOLDER}/missing.txt" "the packages of the ${NAME} tests could not be installed\n${line}\n")
-  file(TOUCH "${STAMP}")
   set(stop TRUE PARENT_SCOPE)
 endfunction()
 
