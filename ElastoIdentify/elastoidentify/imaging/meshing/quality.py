@@ -36,6 +36,14 @@ def tetrahedron_volumes(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarra
     return np.einsum("md,md->m", np.cross(b - a, c - a), d - a) / 6
 
 
+def cell_sizes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return the areas or volumes (m,) of triangles or tetrahedra with points (n, 3)."""
+    if cells.shape[1] == 4:
+        return np.abs(tetrahedron_volumes(points, cells))
+    a, b, c = (points[cells[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
 def dihedral_angles(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     """Return the angles between the faces of each tetrahedron in degrees, shape (m, 6)."""
     normals = []

@@ -8,13 +8,14 @@ import numpy as np
 from ...errors import InputError
 from ...progress import Progress, part
 from ..image import Image
-from .quality import dihedral_angles, triangle_angles
+from .quality import cell_sizes, dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border
 from .regions import remove_islands
 from .tetrahedra import mesh_tetrahedra
 from .triangles import mesh_triangles
 
 MOST_CELLS = 2_000_000
+WRONG_SIZE = 0.03  # relative error of a label's area or volume; beyond it, the notes say so
 POOR_ANGLE = {2: 25.0, 3: 10.0}  # degrees; below it, the notes say so
 
 
@@ -107,14 +108,19 @@ def mesh_segmentation(
         index[:, along] = plane / segmentation.spacing[along]
     points = segmentation.index_to_world(index)
     cells = oriented(points, cells)
-    notes += lost_label_notes(labels, cell_labels)
+    voxel = np.delete(segmentation.spacing, [] if cells.shape[1] == 4 else across).prod()
+    notes += size_notes(labels, voxel, points, cells, cell_labels)
 
     reaction = np.zeros(len(points), bool)
     rigid = np.isin(cell_labels, list(rigid_labels))
-    reaction[np.unique(cells[rigid])] = True
-    used, cells = np.unique(cells[~rigid], return_inverse=True)
+    used, kept = np.unique(cells[~rigid], return_inverse=True)
+    for label in rigid_labels:
+        shared = np.intersect1d(cells[cell_labels == label], used)
+        reaction[shared] = True
+        if not len(shared):
+            notes.append(f"Rigid label {label} touches no other label: it holds no node.")
     points, reaction, cell_labels = points[used], reaction[used], cell_labels[~rigid]
-    cells = cells.reshape(len(cell_labels), -1)
+    cells = kept.reshape(len(cell_labels), -1)
     if border_reactions:
         reaction |= on_image_border(points, segmentation)
     for number, bounds in enumerate(boxes, start=1):
@@ -122,6 +128,10 @@ def mesh_segmentation(
         reaction |= inside
         if not inside.any():
             notes.append(f"Reaction box {number} holds no node of the mesh.")
+    if not reaction.any():
+        notes.append(
+            "No node is a reaction node: every node is taken to be free of outside forces."
+        )
     notes += quality_notes(points, cells)
     progress(1.0, "Mesh")
     return LabelMesh(points, cells, cell_labels.astype(np.int32), reaction.astype(np.uint8), notes)
@@ -152,7 +162,7 @@ def checked_labels(segmentation: Image) -> np.ndarray:
         raise InputError("the segmentation has no label above 0: there is nothing to mesh")
     if values.max() > np.iinfo(np.int32).max:
         raise InputError(f"the segmentation has a label too large for a mesh ({values.max():g})")
-    return values.astype(np.int64)
+    return values.astype(np.int32)
 
 
 def check_rigid(labels: np.ndarray, rigid_labels: Sequence[int]) -> None:
@@ -183,11 +193,7 @@ def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: floa
             f"edge length {edge_length:g} would give about {count:.1e} cells: use {least:.2g} or "
             "more"
         )
-    largest = (
-        np.bincount(labels.ravel().astype(np.intp))[1:].max()
-        if labels.max() < 10**6
-        else max(np.unique(labels[labels > 0], return_counts=True)[1])
-    )
+    largest = np.unique(labels[labels > 0], return_counts=True)[1].max()
     if largest < voxels_per_cell:
         most = edge_length * (largest / voxels_per_cell) ** (1 / dimension)
         raise InputError(
@@ -224,12 +230,28 @@ def island_notes(removed: dict[int, int], edge_length: float, segmentation: Imag
     return notes
 
 
-def lost_label_notes(labels: np.ndarray, cell_labels: np.ndarray) -> list[str]:
-    """Return a sentence when labels of the segmentation got no cell."""
-    lost = np.setdiff1d(labels[labels > 0], cell_labels)
-    if not len(lost):
-        return []
-    return [f"The mesh has no cell of {named(lost)}: too thin for this edge length."]
+def size_notes(
+    labels: np.ndarray,
+    voxel: float,
+    points: np.ndarray,
+    cells: np.ndarray,
+    cell_labels: np.ndarray,
+) -> list[str]:
+    """Return a sentence per label whose area or volume in the mesh is not that of its voxels."""
+    names, voxels = np.unique(labels[labels > 0], return_counts=True)
+    number = np.searchsorted(names, cell_labels)
+    found = np.bincount(number, cell_sizes(points, cells), len(names)) / (voxels * voxel)
+    size = "area" if cells.shape[1] == 3 else "volume"
+    notes = []
+    for name, ratio in zip(names, found, strict=True):
+        if ratio == 0:
+            notes.append(f"The mesh has no cell of label {name}: too thin for this edge length.")
+        elif abs(ratio - 1) > WRONG_SIZE:
+            notes.append(
+                f"The {size} of label {name} in the mesh is {100 * (ratio - 1):+.0f} % off that of "
+                "its voxels: it is small or thin for this edge length."
+            )
+    return notes
 
 
 def quality_notes(points: np.ndarray, cells: np.ndarray) -> list[str]:

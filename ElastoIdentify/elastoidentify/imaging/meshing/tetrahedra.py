@@ -22,6 +22,9 @@ LARGEST_MOVE = 0.45  # of the cell size, for a node on a border
 GOOD_ANGLES = (12.0, 160.0)  # degrees; dihedral angles that moved nodes must leave
 SWEEPS = 6
 REPAIRS = 60
+CORRECTIONS = 5  # rounds in which border nodes are moved for the right volumes
+GOOD_VOLUME = 0.005  # relative error at which the rounds end
+LARGEST_OFFSET = 0.35  # of a smoothed label; beyond, it hardly changes with the place
 
 
 def mesh_tetrahedra(
@@ -57,13 +60,38 @@ def mesh_tetrahedra(
         points = even_out(points, edges, touches, held)
         points = onto_borders(points, fields, touches, held, spacing)
         points = stay_near(points, lattice, touches, LARGEST_MOVE * CELL_SIZE * edge_length)
-    points = bulge(points, edges, touches, held)
-    progress(0.8, "Angles")
-    named = np.array([field.label for field in fields])[kind]
-    cells, named = cells[named > 0], named[named > 0]
-    points = repair(points, lattice, cells)
-    used, cells = np.unique(cells, return_inverse=True)
-    return points[used], cells.reshape(-1, 4), named
+    meshed = np.array([field.label > 0 for field in fields])[kind]
+    aim = np.bincount(np.searchsorted([f.label for f in fields], labels.ravel()))
+    aim = aim * spacing.prod()
+    area = border_areas(labels, spacing, fields)
+    offset = np.zeros(len(fields))
+    for correction in range(CORRECTIONS):
+        progress(0.8 + 0.2 * correction / CORRECTIONS, "Volumes and angles")
+        moved = onto_borders(points, fields, touches, held, spacing, offset)
+        moved = bulge(moved, edges, touches, held)
+        moved = repair(moved, lattice, cells[meshed])
+        volume = np.bincount(kind, tetrahedron_volumes(moved, cells), len(fields))
+        missing = np.where([field.label > 0 for field in fields], aim - volume, 0)
+        if (np.abs(missing) < GOOD_VOLUME * aim).all():
+            break
+        shift = missing / np.maximum(area, 1e-300)
+        offset = np.clip(offset + shift * fields[0].steepness, -LARGEST_OFFSET, LARGEST_OFFSET)
+    used, cells = np.unique(cells[meshed], return_inverse=True)
+    named = np.array([field.label for field in fields])[kind[meshed]]
+    return moved[used], cells.reshape(-1, 4), named
+
+
+def border_areas(labels: np.ndarray, spacing: np.ndarray, fields: list["LabelField"]) -> np.ndarray:
+    """Return the area of the voxel faces between each label and others, shape (l,)."""
+    names = [field.label for field in fields]
+    area = np.zeros(len(names))
+    for axis in range(3):
+        swapped = np.moveaxis(labels, 2 - axis, 0)
+        differs = swapped[1:] != swapped[:-1]
+        touched = np.r_[swapped[1:][differs], swapped[:-1][differs]]
+        faces = np.bincount(np.searchsorted(names, touched), minlength=len(names))
+        area += faces * spacing.prod() / spacing[axis]
+    return area
 
 
 @dataclass
@@ -80,6 +108,8 @@ class LabelField:
     last : ndarray, shape (3,)
         Last index (i, j, k) of the image; beyond, the border value holds.
     spacing : ndarray, shape (3,)
+    steepness : float
+        Difference of two labels' fields per length across a flat border between them.
     """
 
     label: int
@@ -87,6 +117,7 @@ class LabelField:
     start: np.ndarray
     last: np.ndarray
     spacing: np.ndarray
+    steepness: float
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return the values (n,) at points (n, 3) in scaled indices."""
@@ -104,6 +135,7 @@ def label_fields(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
     sigma = np.maximum(0.7, SMOOTHING * edge_length / spacing)
     margin = np.ceil(4 * sigma).astype(int)[::-1]
     last = np.array(labels.shape[::-1]) - 1
+    steepness = 2 / (np.sqrt(2 * np.pi) * float((sigma * spacing).prod()) ** (1 / 3))
     names, numbers = np.unique(labels, return_inverse=True)
     fields = []
     for label, found in zip(
@@ -116,7 +148,7 @@ def label_fields(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
             (labels[box] == label).astype(np.float32), sigma[::-1], mode="nearest"
         )
         start = np.array([s.start for s in box])[::-1]
-        fields.append(LabelField(int(label), values, start, last, spacing))
+        fields.append(LabelField(int(label), values, start, last, spacing, steepness))
     return fields
 
 
@@ -234,13 +266,15 @@ def onto_borders(
     touches: np.ndarray,
     held: np.ndarray,
     spacing: np.ndarray,
+    offset: np.ndarray | float = 0.0,
     steps: int = 2,
 ) -> np.ndarray:
     """Return the nodes that touch several labels moved to where these are equally strong.
 
-    Newton's method on f_i(x) − mean f = 0 over the labels i of the node, with the shortest step:
-    to a surface for two labels, to a line for three.
+    Newton's method on f_i(x) + offset_i = the same for all labels i of the node, with the shortest
+    step: to a surface for two labels, to a line for three.
     """
+    offset = np.broadcast_to(offset, len(fields))
     nodes = np.flatnonzero(touches.sum(axis=1) > 1)
     points = points.copy()
     mine, free = touches[nodes], ~held[nodes]
@@ -249,7 +283,7 @@ def onto_borders(
         slope = np.zeros((*mine.shape, 3))
         for k, field in enumerate(fields):
             here = mine[:, k]
-            value[here, k] = field(points[nodes[here]])
+            value[here, k] = field(points[nodes[here]]) + offset[k]
             slope[here, k] = field.gradient(points[nodes[here]])
         share = mine / mine.sum(axis=1, keepdims=True)
         value -= mine * (share * value).sum(axis=1, keepdims=True)

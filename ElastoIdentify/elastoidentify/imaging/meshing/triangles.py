@@ -77,7 +77,7 @@ def refine(
         triangulation = Delaunay(points)
         triangles = counterclockwise(points, triangulation.simplices)
         missing = ~contains_edges(triangles, segments, len(points))
-        if missing.any():
+        if missing.any() and step < REFINEMENTS - 1:
             network.split(pieces[missing])
             continue
         region, label = classify(triangles, segments, network.sides[pieces[:, 0]], len(points))
