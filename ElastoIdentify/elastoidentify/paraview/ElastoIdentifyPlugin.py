@@ -1,0 +1,112 @@
+"""The ParaView plugin of ElastoIdentify: load this file, or start ``elastoidentify paraview``.
+
+Every class is a filter of :mod:`elastoidentify.filters` with a form for ParaView. Filters ▸
+ElastoIdentify has *Segmentation To Triangle Mesh*, *Elastix Nodal Displacement* and *Lame
+Identification*, Sources ▸ ElastoIdentify has *Pushing Phantom*; in pvpython they are
+``SegmentationToTriangleMesh(...)`` and so on.
+"""
+
+import inspect
+import sys
+from pathlib import Path
+
+# ParaView 5.11.0 needs this under Python 3.11; where it is too late, see docs/paraview.md.
+if not hasattr(inspect, "getargspec"):
+    inspect.getargspec = inspect.getfullargspec
+
+try:
+    import elastoidentify
+except ImportError:  # loaded by its path, the package not installed for ParaView's Python
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+    import elastoidentify
+
+from elastoidentify import filters
+from elastoidentify.paraview import failures, panel
+from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
+
+paraview_plugin_name = "ElastoIdentify"
+paraview_plugin_version = elastoidentify.__version__
+failures.install()
+
+_ICON = Path(elastoidentify.__file__).parent / "paraview" / "icons" / "ElastoIdentify.png"
+in_menu = smhint.xml(f'<ShowInMenu category="ElastoIdentify" icon="{_ICON}"/>')
+
+
+def form(*parts: str):
+    """Return the class decorator that puts the XML of all `parts` into the proxy."""
+    return smproperty.xml("".join(parts))
+
+
+@smproxy.source(name="PushingPhantom", label="Pushing Phantom", support_reload=False)
+@in_menu
+@form(
+    panel.documentation(filters.PushingPhantom),
+    panel.settings(filters.PushingPhantom),
+    panel.last_error(),
+)
+class PushingPhantom(filters.PushingPhantom):
+    __doc__ = filters.PushingPhantom.__doc__
+
+
+@smproxy.filter(
+    name="SegmentationToTriangleMesh", label="Segmentation To Triangle Mesh", support_reload=False
+)
+@in_menu
+@form(
+    panel.documentation(filters.SegmentationToTriangleMesh),
+    panel.inputs(
+        filters.SegmentationToTriangleMesh,
+        {
+            "segmentation": '<InputArrayDomain name="labels" attribute_type="point" '
+            'number_of_components="1"/>'
+        },
+    ),
+    panel.settings(filters.SegmentationToTriangleMesh),
+    panel.last_error(),
+)
+class SegmentationToTriangleMesh(filters.SegmentationToTriangleMesh):
+    __doc__ = filters.SegmentationToTriangleMesh.__doc__
+
+
+@smproxy.filter(
+    name="ElastixNodalDisplacement", label="Elastix Nodal Displacement", support_reload=False
+)
+@in_menu
+@form(
+    panel.documentation(filters.ElastixNodalDisplacement),
+    panel.inputs(filters.ElastixNodalDisplacement),
+    panel.settings(filters.ElastixNodalDisplacement),
+    panel.last_error(),
+)
+class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
+    __doc__ = filters.ElastixNodalDisplacement.__doc__
+
+
+@smproxy.filter(name="LameIdentification", label="Lame Identification", support_reload=False)
+@in_menu
+@form(
+    panel.documentation(filters.LameIdentification),
+    panel.inputs(
+        filters.LameIdentification,
+        {
+            "mesh": '<InputArrayDomain name="displacements" attribute_type="point" '
+            'number_of_components="3"/>'
+        },
+    ),
+    panel.array_selection(
+        "Displacements",
+        "GetDisplacementArraySelection",
+        "The trials: point arrays with the displacement of every node.",
+    ),
+    panel.settings(
+        filters.LameIdentification,
+        {
+            "poisson_ratio": panel.optional_number(
+                filters.LameIdentification.poisson_ratio, 0.45, panel.shown_if("Unknowns", "young")
+            )
+        },
+    ),
+    panel.last_error(),
+)
+class LameIdentification(filters.LameIdentification):
+    __doc__ = filters.LameIdentification.__doc__

@@ -1,0 +1,1 @@
+"""ElastoIdentify in ParaView: the plugin, its launcher, and what they need."""

@@ -1,0 +1,19 @@
+"""What ParaView loads at start when this folder is on PV_PLUGIN_PATH (every file in it)."""
+
+from elastoidentify.paraview.ElastoIdentifyPlugin import (
+    ElastixNodalDisplacement,
+    LameIdentification,
+    PushingPhantom,
+    SegmentationToTriangleMesh,
+    paraview_plugin_name,
+    paraview_plugin_version,
+)
+
+__all__ = [
+    "ElastixNodalDisplacement",
+    "LameIdentification",
+    "PushingPhantom",
+    "SegmentationToTriangleMesh",
+    "paraview_plugin_name",
+    "paraview_plugin_version",
+]
