@@ -3,6 +3,7 @@
 See :mod:`.elastix_worker` for the program at the other end and the reason for a process.
 """
 
+import contextlib
 import os
 import queue
 import re
@@ -39,9 +40,9 @@ def worker_environment() -> dict[str, str]:
 def candidate_interpreters() -> list[str]:
     """Interpreters that may run the worker, most likely first.
 
-    ``sys.executable`` is a plain Python in a plain Python and in Slicer's PythonSlicer; in pvpython,
-    ParaView and the Slicer application it is the application (or empty), and the interpreter has
-    to be found beside ``sys.prefix``.
+    ``sys.executable`` is a plain Python in a plain Python and in Slicer's PythonSlicer; in
+    pvpython, ParaView and the Slicer application it is the application (or empty), and the
+    interpreter has to be found beside ``sys.prefix``.
     """
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     names = ["PythonSlicer", version, "python3", "python"]
@@ -298,10 +299,8 @@ class ElastixProcess:
         if self._process is None:
             return
         process, self._process = self._process, None
-        try:
+        with contextlib.suppress(OSError):
             process.stdin.close()  # the guard kills the engine when its input ends
-        except OSError:
-            pass
         try:
             process.wait(timeout=10)
         except subprocess.TimeoutExpired:

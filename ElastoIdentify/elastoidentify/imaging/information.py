@@ -1,8 +1,12 @@
 """How well a registration can see: texture, noise, and the covariance of the displacements."""
 
+from functools import cache
+
 import numpy as np
 from scipy import ndimage
 
+BLUR = 0.7  # voxels, of the Gaussian that the image is differentiated with
+MODEL_ERROR = 0.4  # share of the control-point spacing, calibrated: see docs/registration.md
 _CHUNK = 4_000_000  # candidate voxels looked at in one go
 
 
@@ -101,57 +105,142 @@ def _chunks(count: np.ndarray):
 
 
 def noise_of_difference(difference: np.ndarray) -> float:
-    """Robust standard deviation of the noise in an image of differences.
+    """Robust standard deviation of grey-value differences: 1.4826 × median absolute deviation.
 
-    Takes the part that changes from voxel to voxel (the Laplacian-like difference operator
-    [1, -2, 1] along every axis, Immerkær 1996), which a remaining misregistration hardly touches,
-    and its median absolute deviation, which edges hardly touch.
+    Edges and places where the registration missed touch it little.
     """
-    values = np.asarray(difference, float)
-    gain = 1.0
-    for axis, length in enumerate(values.shape):
-        if length >= 3:
-            values = np.diff(values, 2, axis=axis)
-            gain *= np.sqrt(6.0)
-    return float(1.4826 * np.median(np.abs(values - np.median(values))) / gain)
+    values = np.asarray(difference, float).ravel()
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
 
 
-def texture_information(
-    image: np.ndarray,
-    noise: float,
+def _derivatives(image: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """∂f/∂x, ∂f/∂y(, ∂f/∂z) by derivatives of a Gaussian, (d, *shape). `spacing` is i, j(, k)."""
+    dimension = image.ndim
+    return np.stack(
+        [
+            ndimage.gaussian_filter(
+                image, BLUR, order=[int(axis == dimension - 1 - a) for axis in range(dimension)]
+            )
+            / spacing[a]
+            for a in range(dimension)
+        ]
+    )
+
+
+@cache
+def _noise_gain(dimension: int) -> float:
+    """Variance of a derivative of white noise of variance 1."""
+    pulse = np.zeros((17,) * dimension)
+    pulse[(8,) * dimension] = 1.0
+    return float((_derivatives(pulse, np.ones(dimension))[0] ** 2).sum())
+
+
+def strain_spread(points: np.ndarray, corners: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """How much the displacement gradient changes around each node, squared, (n,).
+
+    Mean over the cells at a node of |∇u − (∇u averaged at the cell's nodes)|².
+    """
+    count, nodes = corners.shape[1], len(points)
+    edges, change = (
+        values[corners[:, 1:]] - values[corners[:, :1]] for values in (points, displacement)
+    )
+    flat = np.abs(np.linalg.det(edges)) < 1e-12
+    edges = np.where(flat[:, None, None], np.eye(points.shape[1]), edges)
+    gradients = np.linalg.solve(edges, change).reshape(len(corners), -1)
+    gradients[flat] = 0.0
+    around = np.maximum(np.bincount(corners.ravel(), minlength=nodes), 1)
+
+    def at_nodes(values):
+        total = np.bincount(corners.ravel(), np.repeat(values, count), minlength=nodes)
+        return total / around
+
+    mean = np.stack([at_nodes(column) for column in gradients.T], 1)
+    return at_nodes(((gradients[:, None] - mean[corners]) ** 2).sum(2).mean(1))
+
+
+def displacement_information(
+    rest: np.ndarray,
+    warped: np.ndarray,
     points: np.ndarray,
     cells: np.ndarray,
-) -> np.ndarray:
-    """Information that the texture around each node gives on the node's displacement.
+    displacement: np.ndarray,
+    *,
+    spacing: np.ndarray | None = None,
+    resolution: float = 16.0,
+):
+    """Inverse covariance of displacements measured by a registration.
 
-    The inverse covariance Σ N_i ∇f ∇fᵀ / s² over the voxels, with N_i the node's linear shape
-    function, f the rest image, s the standard deviation of the difference of the two images.
+    The covariance at a node has two parts::
+
+        C = s² (h^d ⟨∇f ∇fᵀ⟩)⁻¹ + (0.4 h)² ⟨|δ∇u|²⟩ / d
+
+    The first is image noise: s is the standard deviation of the difference of rest and warped
+    pushed image, ⟨∇f ∇fᵀ⟩ the mean gradient product over the node's shape function, h the
+    resolution of the registration (its control-point spacing), so that h^d voxels decide about one
+    displacement. The second is what the deformation model cannot follow: it is proportional to the
+    change of the displacement gradient around the node. Its factor is measured, see
+    docs/registration.md.
+
+    Nodes closer than h share their error. They are weighted as if they shared one measurement:
+    the information is C⁻¹ times min(1, A / h^d), A being the node's part of the mesh. So the
+    uncertainty of everything smooth, which is what an identification averages, comes out right;
+    that of a single node on a mesh finer than h is too large.
+
+    The gradient product is that of the rest image with the warped image, whose noise is another:
+    noise does not pass for texture.
 
     Parameters
     ----------
-    image : (nj, ni) or (nk, nj, ni)
-        Rest image.
-    noise : float
-        s, in the image's grey values.
+    rest, warped : (nj, ni) or (nk, nj, ni)
+        The rest image and the pushed image warped onto it, in the same grey values.
     points : (n, d)
         Continuous voxel indices, ordered i, j(, k).
     cells : (m, k) int
+    displacement : (n, d)
+        In pixels.
+    spacing : (d,), optional
+        Voxel size in pixels; its product is 1.
+    resolution : float
+        h in pixels.
 
     Returns
     -------
-    (n, d, d)
-        1/voxel², per axis of the index.
+    information : (n, d, d)
+        1/pixel², along the image axes.
+    share : (n,)
+        min(1, A / h^d): the part of an independent measurement that each node is.
+    noise : float
+        s, in grey values.
     """
-    dimension = image.ndim
-    voxels, nodes, weights = voxels_in_cells(points, cells, image.shape)
-    gradients = [
-        ndimage.gaussian_filter1d(image, 0.7, axis=axis, order=1, mode="nearest").ravel()[voxels]
-        for axis in reversed(range(dimension))
-    ]
-    information = np.zeros((len(points), dimension, dimension))
+    rest, warped = np.asarray(rest, float), np.asarray(warped, float)
+    dimension, nodes = rest.ndim, len(points)
+    spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
+    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+
+    def at_nodes(values):
+        return np.bincount(near.ravel(), (values[:, None] * weights).ravel(), minlength=nodes)
+
+    noise = noise_of_difference((rest - warped).ravel()[voxels])
+    noise = max(noise, 1e-3 * rest.ravel()[voxels].std(), np.finfo(float).tiny)
+    first, second = (
+        _derivatives(image, spacing).reshape(dimension, -1)[:, voxels] for image in (rest, warped)
+    )
+    texture = np.empty((nodes, dimension, dimension))
     for a in range(dimension):
         for b in range(a, dimension):
-            product = (gradients[a] * gradients[b])[:, None] * weights
-            total = np.bincount(nodes.ravel(), product.ravel(), minlength=len(points))
-            information[:, a, b] = information[:, b, a] = total
-    return information / max(noise, 1e-12) ** 2
+            product = (first[a] * second[b] + first[b] * second[a]) / 2
+            texture[:, a, b] = texture[:, b, a] = at_nodes(product)
+    volume = at_nodes(np.ones(len(voxels)))
+    chance = np.sqrt(np.bincount(near.ravel(), weights.ravel() ** 2, minlength=nodes))
+    chance *= 2 * _noise_gain(dimension) * noise**2 / 2  # such a product arises from noise alone
+    strength, axes = np.linalg.eigh(texture)
+    strength = np.maximum(strength - chance[:, None], 0.0)
+
+    patch = resolution**dimension
+    certain = strength * (patch / np.maximum(volume, 1e-9) / noise**2)[:, None]
+    pixels = points * spacing
+    spread = strain_spread(pixels, simplices(cells, dimension), displacement)
+    model = (MODEL_ERROR * resolution) ** 2 * spread / dimension
+    share = np.minimum(1.0, volume / patch)
+    certain = share[:, None] * certain / (1 + model[:, None] * certain)
+    return np.einsum("nab,nb,ncb->nac", axes, certain, axes), share, noise

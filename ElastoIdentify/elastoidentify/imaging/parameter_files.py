@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError
 
 ParameterMap = dict[str, list[str]]
@@ -114,3 +116,12 @@ def load_parameters(
         notes += check_names(one_map, str(entry))
         maps.append(one_map)
     return maps, notes
+
+
+def control_point_spacing(maps: list[ParameterMap]) -> float:
+    """Spacing in pixels of the control points of the last B-spline map; 16 if there is none."""
+    for one_map in reversed(maps):
+        for name in ("FinalGridSpacingInPhysicalUnits", "FinalGridSpacingInVoxels"):
+            if name in one_map:
+                return float(np.mean([float(value) for value in one_map[name]]))
+    return 16.0

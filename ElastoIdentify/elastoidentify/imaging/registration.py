@@ -17,19 +17,15 @@ from ..errors import InputError
 from ..progress import Progress, part, silent
 from .elastix_process import ElastixProcess
 from .image import Image
-from .information import (
-    noise_of_difference,
-    signed_volumes,
-    simplices,
-    texture_information,
-    voxels_in_cells,
-)
-from .parameter_files import load_parameters
+from .information import displacement_information, signed_volumes, simplices, voxels_in_cells
+from .parameter_files import control_point_spacing, load_parameters
 
 SMALLEST_IMAGE = 16  # voxels along an axis of a planar image
 THINNEST_VOLUME = 8  # voxels along an axis of a volume
 LEAST_SIMILARITY = 0.5
 LARGEST_DISAGREEMENT = 1.0  # pixels, median over the nodes
+SMALLEST_PUSH = 0.5  # pixels
+BLIND = 1.0  # pixels of uncertainty at which a node counts as without texture
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # xx, yy, zz, xy, yz, xz
 
 
@@ -158,8 +154,8 @@ def on_grid_of(rest: Image, image: Image, name: str, order: int = 1) -> Image:
     if (rest.planar_axis is None) != (image.planar_axis is None):
         kinds = ["a slice" if one.planar_axis is not None else "a volume" for one in (rest, image)]
         raise InputError(
-            f"the rest image is {kinds[0]} and the {name} image {kinds[1]}: take the same slice out "
-            "of the volume, or use volumes throughout"
+            f"the rest image is {kinds[0]} and the {name} image {kinds[1]}: take the same slice "
+            "out of the volume, or use volumes throughout"
         )
     corners = (
         np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
@@ -171,12 +167,10 @@ def on_grid_of(rest: Image, image: Image, name: str, order: int = 1) -> Image:
     expected = (corners + 0.5) * scale - 0.5
     miss = np.abs(there - expected)
     if (miss > np.maximum(1.0, scale)).any():
-        boxes = []
-        for one in (rest, image):
-            first, last = _extent(one)
-            boxes.append(
-                " … ".join("(" + ", ".join(f"{v:.5g}" for v in p) + ")" for p in (first, last))
-            )
+        boxes = [
+            " to ".join(str(np.round(corner, 3).tolist()) for corner in _extent(one))
+            for one in (rest, image)
+        ]
         raise InputError(
             f"the {name} image covers another part of the world than the rest image: {boxes[1]} "
             f"instead of {boxes[0]}: crop or resample it to the rest image's extent"
@@ -239,12 +233,12 @@ def similarity(first: np.ndarray, second: np.ndarray) -> float:
     return float((first * second).sum() / size) if size > 0 else 0.0
 
 
-def match_grey_values(rest: np.ndarray, warped: np.ndarray) -> np.ndarray:
-    """Return `warped` with gain and offset fitted to `rest` (least squares), both (v,)."""
-    centred = warped - warped.mean()
+def fit_grey_values(rest: np.ndarray, warped: np.ndarray) -> tuple[float, float]:
+    """Gain and offset that bring `warped` closest to `rest` (least squares), both (v,)."""
+    centred = np.asarray(warped, float) - np.mean(warped)
     power = (centred**2).sum()
-    gain = (centred * (rest - rest.mean())).sum() / power if power > 0 else 0.0
-    return rest.mean() + gain * centred
+    gain = float((centred * rest).sum() / power) if power > 0 else 0.0
+    return gain, float(np.mean(rest) - gain * np.mean(warped))
 
 
 def folded_share(points: np.ndarray, displaced: np.ndarray, corners: np.ndarray) -> float:
@@ -253,46 +247,50 @@ def folded_share(points: np.ndarray, displaced: np.ndarray, corners: np.ndarray)
     return float(np.mean(before * after <= 0))
 
 
-def _trial_warnings(trial: int, figures: dict) -> list[str]:
-    """What a person should know about one trial, in words."""
-    found = []
-    name = f"Trial {trial}"
-    if _failed(figures):
-        found.append(
-            f"{name}: the registration did not find the push: similarity after registration "
-            f"{figures['similarity_after']:.2f} (1 is perfect)"
-            + (
-                f", forward and backward registration differ by {figures['disagreement_median']:.1f} "
-                "pixels"
-                if figures["disagreement_median"] is not None
-                else ""
-            )
-            + "; check that rest and pushed image show the same slice of the same patient."
-        )
-    elif figures["similarity_after"] < figures["similarity_before"] - 0.02:
-        found.append(
-            f"{name}: the images agree less after the registration ({figures['similarity_after']:.2f}) "
-            f"than before ({figures['similarity_before']:.2f}): do not trust this trial."
-        )
-    if figures["folded_cells"] > 0:
-        found.append(
-            f"{name}: {100 * figures['folded_cells']:.2g} % of the cells are turned inside out by the "
-            "measured displacement: the registration is lost there, or the push is very large."
-        )
-    if figures["largest_displacement_pixels"] < 0.5:
-        found.append(
-            f"{name}: the largest displacement is {figures['largest_displacement_pixels']:.2f} pixels, "
-            "hardly more than the error of a registration: push further, or check that the pushed "
-            "image is not the rest image."
-        )
-    return found
-
-
-def _failed(figures: dict) -> bool:
+def _lost(figures: dict) -> bool:
+    """True if the registration of a trial cannot be believed."""
     disagreement = figures["disagreement_median"]
     return figures["similarity_after"] < LEAST_SIMILARITY or (
         disagreement is not None and disagreement > LARGEST_DISAGREEMENT
     )
+
+
+def _trial_warnings(trial: int, figures: dict) -> list[str]:
+    """What a person should know about one trial, in words."""
+    before, after = figures["similarity_before"], figures["similarity_after"]
+    found = []
+    if _lost(figures):
+        text = f"the registration did not find the push: similarity after registration {after:.2f}"
+        text += f" (before {before:.2f}, 1 is perfect)"
+        if figures["disagreement_median"] is not None:
+            text += f", forward and backward differ by {figures['disagreement_median']:.1f} pixels"
+        found.append(
+            text + "; check that the rest and the pushed image show the same slice of the same "
+            "patient and that the push is not too large (reference='previous' takes small steps)"
+        )
+    elif after < before - 0.02:
+        found.append(
+            f"the images agree less after the registration ({after:.2f}) than before "
+            f"({before:.2f}): do not trust this trial"
+        )
+    if figures["folded_cells"] > 0:
+        found.append(
+            f"{100 * figures['folded_cells']:.2g} % of the cells are turned inside out by the "
+            "measured displacement: the registration is lost there, or the push is very large"
+        )
+    if figures["nodes_without_texture"] > 0.02:
+        found.append(
+            f"{100 * figures['nodes_without_texture']:.0f} % of the mesh nodes lie where the image "
+            f"has too little texture to see a shift of {BLIND:g} pixel in every direction: the "
+            "displacement there is carried over from the surroundings and has little weight"
+        )
+    if figures["largest_displacement_pixels"] < SMALLEST_PUSH:
+        found.append(
+            f"the largest displacement is {figures['largest_displacement_pixels']:.2f} pixels, "
+            "hardly more than the error of a registration: push further, or check that the pushed "
+            "image is not the rest image"
+        )
+    return [f"Trial {trial}: {text}." for text in found]
 
 
 def _comparison_warnings(displacements: np.ndarray, pixel: float) -> list[str]:
@@ -396,8 +394,13 @@ def register(
         figures = work.run(elastix, trials, reference, backward, part(progress, 0.05, 1.0))
     progress(1.0, "registration done")
 
-    for number, one in enumerate(figures, 1):
-        warnings += _trial_warnings(number, one)
+    sentences = [_trial_warnings(number, one) for number, one in enumerate(figures, 1)]
+    if all(_lost(one) for one in figures):
+        raise InputError(" ".join(found[0] for found in sentences))
+    warnings += [sentence for found in sentences for sentence in found]
+    for k, one in enumerate(figures):
+        if _lost(one):
+            work.information[k] = 0.0  # what was not found has no weight
     if outside.any():
         warnings.append(
             f"{np.count_nonzero(outside)} mesh nodes lie outside the image; their displacement is "
@@ -418,6 +421,11 @@ def register(
         work.disagreement if backward else None,
         report,
     )
+
+
+def _named(name: str, progress: Progress) -> Progress:
+    """Put a name before the text of a progress callable."""
+    return lambda fraction, text: progress(fraction, f"{name}: {text}")
 
 
 class _Work:
@@ -441,11 +449,8 @@ class _Work:
         reached, image = start, self.rest
         figures = []
         for k, trial in enumerate(trials):
-            tell = part(progress, k / count, (k + 1) / count)
-            name = f"trial {k + 1} of {count}"
-            reached, warped, miss = self._one(
-                elastix, image, trial, reached, backward, lambda f, t: tell(f, f"{name}: {t}")
-            )
+            tell = _named(f"trial {k + 1} of {count}", part(progress, k / count, (k + 1) / count))
+            reached, warped, miss = self._one(elastix, image, trial, reached, backward, tell)
             self.displacements[k] = reached - start
             self.disagreement[k] = miss
             figures.append(self._judge(k, image, trial, warped, miss if backward else None))
@@ -474,22 +479,30 @@ class _Work:
         """Fill in the information of trial k and return its figures."""
         smooth = [ndimage.gaussian_filter(one, 1.0) for one in (image, trial, warped)]
         rest, before, after = (one.ravel()[self.inside] for one in smooth)
-        matched = np.zeros(self.rest.size)
-        matched[:] = match_grey_values(image.ravel(), warped.ravel())
-        noise = noise_of_difference((image.ravel() - matched).reshape(self.rest.shape))
-        in_pixels = texture_information(self.rest, noise, self.index, self.cells)
-        scale = 1 / self.frame.spacing  # from 1/voxel² to 1/pixel²
-        self.information[k] = in_pixels * np.multiply.outer(scale, scale)
-        self.information[k][self.outside] = 0.0
+        gain, offset = fit_grey_values(image.ravel()[self.inside], warped.ravel()[self.inside])
         moved = self.displacements[k]
+        information, share, noise = displacement_information(
+            image,
+            gain * warped + offset,
+            self.index,
+            self.cells,
+            moved,
+            spacing=self.frame.spacing,
+            resolution=control_point_spacing(self.maps),
+        )
+        information[self.outside] = 0.0
+        self.information[k] = information
         pixels = self.index * self.frame.spacing
+        weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)
         return {
             "similarity_before": similarity(rest, before),
             "similarity_after": similarity(rest, after),
             "folded_cells": folded_share(pixels, pixels + moved, self.corners),
             "nodes_outside": float(self.outside.mean()),
+            "nodes_without_texture": float(np.mean(weakest < 1 / BLIND**2)),
             "disagreement_median": None if miss is None else float(np.median(miss)),
             "disagreement_largest": None if miss is None else float(miss.max()),
-            "noise": noise,
+            "noise": float(noise / np.sqrt(2)),
             "largest_displacement_pixels": float(np.linalg.norm(moved, axis=1).max()),
+            "independent_share": float(share.mean()),
         }
