@@ -9,7 +9,7 @@ Coordinates are continuous indices (x along the last array axis, y along the fir
 integers, the outer voxel edges at −0.5 and n − 0.5) until they are scaled by the spacing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -71,6 +71,7 @@ class Network:
     sides: np.ndarray
     ends: np.ndarray
     cuts: list[np.ndarray]
+    sampled: dict[int, np.ndarray] = field(default_factory=dict)  # points of curves at their cuts
 
     def sample(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return points (n, 2), segments (s, 2) and the curve and piece of each segment (s, 2)."""
@@ -80,19 +81,24 @@ class Network:
         for number, (curve, ends, cuts) in enumerate(
             zip(self.curves, self.ends, self.cuts, strict=True)
         ):
-            points = equal_area_points(curve, cuts)
+            if number not in self.sampled:
+                self.sampled[number] = equal_area_points(curve, cuts)
+            points = self.sampled[number]
             anchors[ends] = points[[0, -1]]
             inner.append(points[1:-1])
-            ids = np.r_[ends[0], count + np.arange(len(points) - 2), ends[1]]
+            ids = np.arange(count - 1, count + len(points) - 1)
+            ids[[0, -1]] = ends
             count += len(points) - 2
-            segments.append(np.c_[ids[:-1], ids[1:]])
-            pieces.append(np.c_[np.full(len(ids) - 1, number), np.arange(len(ids) - 1)])
+            segments.append(np.stack([ids[:-1], ids[1:]], axis=1))
+            piece = np.arange(len(ids) - 1)
+            pieces.append(np.stack([np.full_like(piece, number), piece], axis=1))
         return np.vstack([anchors, *inner]), np.vstack(segments), np.vstack(pieces)
 
     def resolve(self, numbers: np.ndarray) -> None:
         """Cut the given curves at all their points, which never cross those of another curve."""
         for number in numbers:
             self.cuts[number] = arc_lengths(self.curves[number])
+            self.sampled.pop(number, None)
 
     def split(self, pieces: np.ndarray) -> None:
         """Cut the given (curve, piece) pairs in two."""
@@ -100,6 +106,7 @@ class Network:
             cuts = self.cuts[number]
             piece = pieces[pieces[:, 0] == number, 1]
             self.cuts[number] = np.sort(np.r_[cuts, (cuts[piece] + cuts[piece + 1]) / 2])
+            self.sampled.pop(number, None)
 
 
 def build_network(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> Network:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
@@ -179,7 +180,7 @@ def check_rigid(labels: np.ndarray, rigid_labels: Sequence[int]) -> None:
 
 def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: float) -> float:
     """Return the voxels of one cell, or raise `InputError`."""
-    if not (np.ndim(edge_length) == 0 and np.isfinite(edge_length) and edge_length > 0):
+    if not (isinstance(edge_length, Real) and 0 < edge_length < np.inf):
         raise InputError(f"edge length is {edge_length}: give a length above 0 in world units")
     dimension = 3 if segmentation.planar_axis is None else 2
     sizes = np.delete(segmentation.spacing, [] if dimension == 3 else segmentation.planar_axis)
