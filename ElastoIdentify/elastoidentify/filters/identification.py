@@ -1,13 +1,11 @@
 """From displacements to the Lamé constants."""
 
-import weakref
-
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkDataArraySelection
 
 from ..errors import InputError
 from .base import Filter, Port
 from .convert import (
+    DISPLACEMENT,
     displacement_names,
     get_array,
     has_array,
@@ -21,6 +19,7 @@ from .convert import (
     vectors,
 )
 from .options import Choice, Number, Rows
+from .selection import Selection
 
 METHODS = ("auto", "sequential", "global", "regularized")
 KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
@@ -102,53 +101,45 @@ class LameIdentification(Filter):
     )
 
     def __init__(self, **settings):
-        self._selection = vtkDataArraySelection()
-        self._selection.SetUnknownArraySetting(1)
-        self._selection.AddObserver("ModifiedEvent", _modify(weakref.ref(self)))
+        self._trials = Selection(self)
         super().__init__(**settings)
 
     # ---- which trials
 
-    def GetDisplacementArraySelection(self) -> vtkDataArraySelection:
-        """Return the choice of displacement arrays: all ``Displacement_k`` to begin with."""
-        return self._selection
+    def GetDisplacementArraySelection(self):
+        """Return the choice of displacement arrays, all ``Displacement_k`` to begin with."""
+        return self._trials.vtk
 
     def SetDisplacementArrays(self, names):
         """Use these point arrays as trials and no others; none: all ``Displacement_k``."""
         names = [names] if isinstance(names, str) else list(names or ())
-        if names == self.GetDisplacementArrays() and names:
-            return
-        self._selection.RemoveAllArrays()
-        self._selection.SetUnknownArraySetting(0 if names else 1)
-        for name in names:
-            self._selection.AddArray(name, True)
-        self.Modified()
+        if names != self.GetDisplacementArrays():
+            self._trials.choose(names)
 
     def GetDisplacementArrays(self) -> list[str]:
-        """Return the names of the arrays that were chosen."""
-        chosen = self._selection
-        names = [chosen.GetArrayName(i) for i in range(chosen.GetNumberOfArrays())]
-        return [name for name in names if chosen.ArrayIsEnabled(name)]
+        """Return the names of the arrays that are switched on."""
+        return self._trials.chosen()
 
     displacement_arrays = property(GetDisplacementArrays, SetDisplacementArrays)
 
     def RequestInformation(self, request, inInfo, outInfo):
-        """List the mesh's vector arrays for the panel of a host, as soon as the mesh is known."""
+        """Offer the mesh's vector arrays to the panel of a host, as soon as the mesh is known."""
         mesh = self.GetInputDataObject(0, 0) if self.GetNumberOfInputConnections(0) else None
         if mesh is not None and mesh.IsA("vtkUnstructuredGrid"):
-            standard = displacement_names(mesh)
-            for name in standard + [n for n in _vector_names(mesh) if n not in standard]:
-                if not self._selection.ArrayExists(name):
-                    enabled = name in standard and self._selection.GetUnknownArraySetting()
-                    self._selection.AddArray(name, bool(enabled))
+            self._offer(mesh)
         return 1
+
+    def _offer(self, mesh):
+        self._trials.offer(displacement_names(mesh), on=True)
+        self._trials.offer(_vector_names(mesh))
 
     def trials(self, mesh) -> list[str]:
         """Return the names of the displacement arrays to use, in the order of the trials."""
-        standard = displacement_names(mesh)
-        chosen = [name for name in standard if self._selection.ArrayIsEnabled(name)]
-        others = [name for name in self.GetDisplacementArrays() if name not in standard]
-        return chosen + others
+        self._offer(mesh)
+        chosen, standard = self._trials.chosen(), displacement_names(mesh)
+        others = [name for name in chosen if name not in standard]
+        gone = [name for name in others if DISPLACEMENT.match(name)]  # of an earlier input
+        return [n for n in standard if n in chosen] + [n for n in others if n not in gone]
 
     # ---- work
 
@@ -214,22 +205,12 @@ def write_identification(grid, result, order=None):
 
     for name, field in CELL_RESULTS.items():
         put(name, getattr(result, field), np.float64)
+    grid.GetCellData().SetActiveScalars("Mu")  # what a host shows first
     put("Status", result.status, np.uint8)
     put("SequenceOrder", result.sequence_order, np.int32)
     for number, residual in enumerate(result.residuals, 1):
         set_array(grid.GetPointData(), f"Residual_{number}", vectors(np.asarray(residual, float)))
     set_text(grid, "IdentificationReport", to_json(result.report))
-
-
-def _modify(reference):
-    """Return an observer that marks the filter as changed without keeping it alive."""
-
-    def changed(selection, event):
-        filter = reference()
-        if filter is not None:
-            filter.Modified()
-
-    return changed
 
 
 def _vector_names(mesh) -> list[str]:

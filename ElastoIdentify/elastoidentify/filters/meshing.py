@@ -1,11 +1,14 @@
 """From a segmentation to a mesh."""
 
+import contextlib
+
 import numpy as np
 
 from ..errors import InputError
 from .base import Filter, Port
 from .convert import image_from_vtk, mesh_to_vtk, set_array, set_text, slice_of_image
 from .options import Choice, Flag, Number, Rows, Text
+from .selection import Selection
 
 
 class SegmentationToTriangleMesh(Filter):
@@ -49,6 +52,33 @@ class SegmentationToTriangleMesh(Filter):
         lengths=[4, 6],
     )
 
+    def __init__(self, **settings):
+        self._rigid, self._labels_of = Selection(self), None
+        super().__init__(**settings)
+
+    def GetRigidLabelSelection(self):
+        """Return the list of the segmentation's labels, by which a host lets rigid ones be picked.
+
+        It adds to ``rigid_labels``.
+        """
+        return self._rigid.vtk
+
+    def RequestInformation(self, request, inInfo, outInfo):
+        """Offer the labels to the panel of a host, as soon as the image is known."""
+        image = self.GetInputDataObject(0, 0) if self.GetNumberOfInputConnections(0) else None
+        if image is not None and image.IsA("vtkImageData") and image.GetNumberOfPoints():
+            self._offer(image)
+        return 1
+
+    def _offer(self, image):
+        state = (image.GetAddressAsString(""), image.GetMTime(), self.label_array)
+        if state != self._labels_of:
+            with contextlib.suppress(InputError):
+                labels = np.unique(image_from_vtk(image, array=self.label_array).array)
+                if len(labels) <= 256:  # a grey image is no labelmap
+                    self._rigid.offer([f"{label:g}" for label in labels if label])
+            self._labels_of = state
+
     def execute(self, segmentation, progress):
         """Return the mesh."""
         from ..imaging.meshing import mesh_segmentation
@@ -59,13 +89,14 @@ class SegmentationToTriangleMesh(Filter):
         mesh = mesh_segmentation(
             _whole_numbers(image),
             self.edge_length or default_edge_length(image),
-            rigid_labels=self.rigid_labels,
+            rigid_labels=(*self.rigid_labels, *map(int, self._rigid.chosen())),
             reaction_boxes=self.reaction_boxes,
             border_reactions=self.border_reactions,
             progress=progress,
         )
         grid = mesh_to_vtk(mesh.points, mesh.cells)
         set_array(grid.GetCellData(), "Label", np.asarray(mesh.labels, np.int32))
+        grid.GetCellData().SetActiveScalars("Label")  # what a host shows first
         set_array(grid.GetPointData(), "ReactionNodes", np.asarray(mesh.reaction_nodes, np.uint8))
         set_text(grid, "MeshNotes", "\n".join(mesh.notes))
         return grid

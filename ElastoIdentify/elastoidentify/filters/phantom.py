@@ -71,6 +71,7 @@ class PushingPhantom(Filter):
         held = np.isin(points[:, 1], [points[:, 1].min(), points[:, 1].max()])
         grid = mesh_to_vtk(points, [(_KINDS[self.shape], cells)])
         set_array(grid.GetCellData(), "Label", labels)
+        grid.GetCellData().SetActiveScalars("Label")  # what a host shows first
         set_array(grid.GetCellData(), "TrueLambda", lam)
         set_array(grid.GetCellData(), "TrueMu", mu)
         set_array(grid.GetPointData(), "ReactionNodes", held.astype(np.uint8))

@@ -20,13 +20,15 @@ except ImportError:  # loaded by its path, the package not installed for ParaVie
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
     import elastoidentify
 
-from elastoidentify import filters
-from elastoidentify.paraview import failures, panel
 from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
+
+from elastoidentify import filters
+from elastoidentify.paraview import display, failures, panel
 
 paraview_plugin_name = "ElastoIdentify"
 paraview_plugin_version = elastoidentify.__version__
 failures.install()
+display.set_defaults()
 
 _ICON = Path(elastoidentify.__file__).parent / "paraview" / "icons" / "ElastoIdentify.png"
 in_menu = smhint.xml(f'<ShowInMenu category="ElastoIdentify" icon="{_ICON}"/>')
@@ -61,7 +63,17 @@ class PushingPhantom(filters.PushingPhantom):
             'number_of_components="1"/>'
         },
     ),
-    panel.settings(filters.SegmentationToTriangleMesh),
+    panel.settings(
+        filters.SegmentationToTriangleMesh,
+        {
+            "rigid_labels": panel.array_selection(
+                "RigidLabels",
+                "GetRigidLabelSelection",
+                filters.SegmentationToTriangleMesh.rigid_labels.__doc__,
+                icon="cell",
+            )
+        },
+    ),
     panel.last_error(),
 )
 class SegmentationToTriangleMesh(filters.SegmentationToTriangleMesh):

@@ -22,7 +22,7 @@ PROGRAMS = {
     "pvbatch": "pvbatch",
     "pvserver": "pvserver",
 }
-USAGE = """usage: elastoidentify paraview [gui|pvpython|pvbatch|pvserver|env] [arguments of ParaView]
+USAGE = """usage: elastoidentify paraview [gui|pvpython|pvbatch|pvserver|env] [ParaView's arguments]
 
   gui       the application (the default); "elastoidentify paraview mesh.vtu" opens a file
   pvpython  run a Python script

@@ -126,8 +126,9 @@ def _choice(option: Choice) -> str:
 
 
 def _flag(option: Flag) -> str:
+    start = int(option.default)
     return f"""
-    <IntVectorProperty {_head(option)} number_of_elements="1" default_values="{int(option.default)}">
+    <IntVectorProperty {_head(option)} number_of_elements="1" default_values="{start}">
       <BooleanDomain name="bool"/>
       {_text(option.__doc__)}
     </IntVectorProperty>"""
@@ -162,7 +163,7 @@ def _vector(option: Vector) -> str:
 
 
 def _rows(option: Rows) -> str:
-    """Return an editable table. ParaView's tables have one type: whole numbers are checked later."""
+    """Return an editable table; all its columns are numbers, the filter checks whole ones."""
     n = len(option.columns)
     start = (
         f'number_of_elements="{n}" default_values="{" ".join(map(str, option.start))}"'
