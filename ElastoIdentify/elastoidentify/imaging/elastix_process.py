@@ -116,6 +116,10 @@ def find_interpreter() -> str:
     )
 
 
+class WorkerGone(RuntimeError):
+    """The worker ended by itself: elastix crashed, or the machine ran out of memory."""
+
+
 class LogProgress:
     """Read elastix's log: which resolution of which parameter map, which iteration.
 
@@ -158,7 +162,7 @@ class ElastixProcess:
     Raises
     ------
     InputError
-        No interpreter with itk-elastix was found.
+        No interpreter with itk-elastix was found, or elastix does not start there.
     """
 
     def __init__(self, progress: Progress | None = None):
@@ -181,6 +185,11 @@ class ElastixProcess:
             threading.Thread(target=read, daemon=True).start()
         try:
             self._wait(progress or silent, lambda: (0.0, "starting elastix"))
+        except WorkerGone as gone:
+            self.close()
+            raise InputError(
+                f"the registration does not start with {python}: {gone}; {INSTALL_HINT}"
+            ) from None
         except BaseException:
             self.close()
             raise
@@ -219,9 +228,7 @@ class ElastixProcess:
                 progress(*state())
                 continue
             if message is None:
-                raise RuntimeError(
-                    f"the registration worker stopped unexpectedly: {self._last_words()}"
-                )
+                raise WorkerGone(f"the registration worker stopped: {self._last_words()}")
             header, arrays = message
             if "error" in header:
                 raise InputError(f"elastix could not register the images: {self._last_words()}")
@@ -275,6 +282,8 @@ class ElastixProcess:
             By the progress callback; the worker is killed.
         InputError
             elastix refused.
+        WorkerGone
+            elastix crashed.
         """
         self._log = LogProgress([_iterations(one_map) for one_map in maps])
         arrays = {

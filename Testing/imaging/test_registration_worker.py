@@ -1,0 +1,208 @@
+"""The worker process: found, warm, cancelled, and gone without a trace."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from elastoidentify.errors import Cancelled, InputError
+from elastoidentify.imaging import elastix_process
+from elastoidentify.imaging.elastix_process import ElastixProcess, LogProgress, find_interpreter
+from elastoidentify.imaging.parameter_files import (
+    FOLDER,
+    check_names,
+    load_parameters,
+    read_parameter_map,
+    shipped_maps,
+)
+
+
+def has_elastix():
+    try:
+        find_interpreter()
+    except InputError:
+        return False
+    return True
+
+
+needs_elastix = pytest.mark.skipif(
+    not has_elastix(), reason='needs itk-elastix: pip install "elastoidentify[registration]"'
+)
+
+
+def leftovers():
+    """Temporary directories of workers, and worker processes, that exist now."""
+    folders = set(Path(tempfile.gettempdir()).glob("elastoidentify-*"))
+    workers = set()
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            if b"elastix_worker" in entry.read_bytes():
+                workers.add(entry.parent.name)
+        except OSError:
+            continue
+    return folders, workers
+
+
+def gone(before, seconds=15.0):
+    """Wait until nothing new is left over. Returns what still is."""
+    end = time.monotonic() + seconds
+    while True:
+        new = [now - then for now, then in zip(leftovers(), before, strict=True)]
+        if not any(new) or time.monotonic() > end:
+            return [item for group in new for item in group]
+        time.sleep(0.1)
+
+
+def images():
+    random = np.random.default_rng(0)
+    return random.standard_normal((2, 64, 64)).astype(np.float32)
+
+
+def quick_map(iterations=50):
+    maps, _ = load_parameters(None, 2)
+    maps[0].update(NumberOfResolutions=["2"], MaximumNumberOfIterations=[str(iterations)])
+    return maps
+
+
+def test_without_itk_elastix_the_error_says_how_to_install_it(monkeypatch):
+    monkeypatch.delenv(elastix_process.PYTHON_VARIABLE, raising=False)
+    monkeypatch.setattr(elastix_process, "_can_run", lambda python: False)
+    with pytest.raises(InputError, match=r'pip install "elastoidentify\[registration\]"'):
+        ElastixProcess()
+
+
+def test_the_environment_variable_chooses_the_interpreter(monkeypatch):
+    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, sys.executable)
+    assert find_interpreter() == sys.executable
+    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, "/no/such/python")
+    with pytest.raises(InputError, match="ELASTOIDENTIFY_PYTHON"):
+        find_interpreter()
+
+
+def test_an_application_is_not_taken_for_an_interpreter(monkeypatch, tmp_path):
+    """In pvpython, ParaView and Slicer sys.executable is the host itself."""
+    host = tmp_path / "SlicerApp-real"
+    host.write_text("#!/bin/sh\nexit 0\n")
+    host.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(host))
+    candidates = elastix_process.candidate_interpreters()
+    assert candidates and str(host) not in candidates
+    monkeypatch.setattr(sys, "executable", "")
+    assert elastix_process.candidate_interpreters()
+
+
+def test_a_python_where_elastix_does_not_load_is_one_line(monkeypatch, tmp_path):
+    (tmp_path / "itk.py").write_text("raise ImportError('itk is broken here')\n")
+    broken = tmp_path / "python"
+    broken.write_text(f'#!/bin/sh\nPYTHONPATH={tmp_path} exec {sys.executable} "$@"\n')
+    broken.chmod(0o755)
+    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, str(broken))
+    before = leftovers()
+    with pytest.raises(InputError, match="itk is broken here") as error:
+        ElastixProcess()
+    assert "\n" not in str(error.value) and "pip install" in str(error.value)
+    assert not gone(before)
+
+
+def test_progress_follows_the_log_through_maps_and_resolutions():
+    log = LogProgress([[100], [100, 200]])
+    lines = ["Resolution: 0", "1:ItNr\t2:Metric", "49\t-0.5\t", "Resolution: 0", "99\t-0.9"]
+    seen = []
+    for line in lines:
+        log.read(line)
+        seen.append(log.fraction)
+    np.testing.assert_allclose(seen, [0, 0, 0.125, 0.25, 0.5])
+    assert log.text == "resolution 2 of 3, iteration 100"
+
+
+def test_every_shipped_parameter_file_is_read_and_has_known_names():
+    assert shipped_maps() == ["affine", "bspline"]
+    for name in shipped_maps():
+        parameter_map = read_parameter_map(FOLDER / f"{name}.txt")
+        assert check_names(parameter_map, name) == []
+        assert parameter_map["WriteResultImage"] == ["true"]
+
+
+def test_misspelt_parameters_are_reported(tmp_path):
+    path = tmp_path / "mine.txt"
+    good = '(Transform "BSplineTransform")\n'
+    path.write_text(good + "(MaximumNumberOfIteration 10)\n")
+    with pytest.raises(InputError, match="did you mean 'MaximumNumberOfIterations'"):
+        load_parameters(path, 2)
+    path.write_text(good + '(Flavour "sweet")\n(Metric0Weight 1.0)\n')
+    maps, notes = load_parameters([path, "bspline"], 2)
+    assert len(maps) == 2 and len(notes) == 1 and "'Flavour'" in notes[0]
+    path.write_text(good + "(MaximumNumberOfIterations 10\n")
+    with pytest.raises(InputError, match="line 2"):
+        load_parameters(path, 2)
+    with pytest.raises(InputError, match="cannot read"):
+        load_parameters(tmp_path / "absent.txt", 2)
+
+
+@needs_elastix
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc (Linux)")
+def test_killed_in_the_middle_nothing_stays_and_the_next_one_works():
+    before = leftovers()
+    fixed, moving = images()
+    points = np.array([[20.0, 30.0]])
+    steps = []
+
+    def cancel_late(fraction, text):
+        steps.append((fraction, text))
+        if text.startswith("resolution"):
+            raise Cancelled
+
+    worker = ElastixProcess(lambda fraction, text: steps.append((fraction, text)))
+    assert len(leftovers()[0] - before[0]) == 1
+    with pytest.raises(Cancelled):
+        worker.register(fixed, moving, [1, 1], quick_map(100000), points, progress=cancel_late)
+    assert not gone(before)
+    assert any(text == "starting elastix" for _, text in steps)
+
+    with ElastixProcess() as worker:  # the next one works, and stays warm for several
+        for _ in range(2):
+            mapped, warped = worker.register(fixed, fixed, [1, 1], quick_map(), points)
+            np.testing.assert_allclose(mapped, points, atol=0.05)
+            assert warped.shape == fixed.shape
+        bad = quick_map()
+        bad[0]["Metric"] = ["NoSuchMetric"]
+        with pytest.raises(InputError, match="elastix could not") as error:
+            worker.register(fixed, moving, [1, 1], bad, points)
+        assert "\n" not in str(error.value)
+    assert not gone(before)
+
+
+@needs_elastix
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc (Linux)")
+def test_a_host_that_dies_takes_the_worker_and_its_files_with_it():
+    before = leftovers()
+    program = textwrap.dedent(
+        """
+        import numpy as np
+        from elastoidentify.imaging.elastix_process import ElastixProcess
+        from elastoidentify.imaging.parameter_files import load_parameters
+        maps, _ = load_parameters(None, 2)
+        maps[0]["MaximumNumberOfIterations"] = ["1000000"]
+        fixed, moving = np.random.default_rng(0).standard_normal((2, 64, 64))
+        worker = ElastixProcess()
+        tell = lambda fraction, text: print(text, flush=True)
+        worker.register(fixed, moving, [1, 1], maps, np.zeros((1, 2)), progress=tell)
+        """
+    )
+    host = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    for line in host.stdout:
+        if line.startswith("resolution"):
+            break
+    assert leftovers()[1] - before[1]
+    host.send_signal(signal.SIGKILL)
+    host.wait()
+    host.stdout.close()
+    assert not gone(before)
