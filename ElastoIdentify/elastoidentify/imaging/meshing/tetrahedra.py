@@ -1,10 +1,11 @@
 """Conforming tetrahedra from a lattice that is pulled onto the borders between labels.
 
 The block that holds all labels is filled with a body-centred cubic lattice, whose tetrahedra have
-dihedral angles of 45° to 90°. Each takes the label that is strongest at its centre; nodes between
-tetrahedra of different labels are then moved onto the smoothed border between these labels, as far
-as the cells around stay good. (The idea is that of Labelle and Shewchuk, Isosurface stuffing, ACM
-Transactions on Graphics 26, 2007, and of its multi-label kin; nodes are moved, cells never cut.)
+dihedral angles of 45° to 90°. Where labels have flat borders across an axis, it has flat layers.
+Each tetrahedron takes the label that is strongest at its centre; nodes between tetrahedra of
+different labels are then moved onto the smoothed border between these labels, as far as the cells
+around stay good. (The idea is that of Labelle and Shewchuk, Isosurface stuffing, ACM Transactions
+on Graphics 26, 2007, and of its multi-label kin; here nodes are moved, but cells never cut.)
 """
 
 from dataclasses import dataclass
@@ -20,8 +21,11 @@ CELL_SIZE = 1.1  # side of a lattice cell over the edge length: makes the mean e
 SMOOTHING = 0.15  # standard deviation of the smoothed labels over the edge length
 LARGEST_MOVE = 0.45  # of the cell size, for a node on a border
 GOOD_ANGLES = (12.0, 160.0)  # degrees; dihedral angles that moved nodes must leave
+FLAT_BORDER = 0.4  # share of the cross-section over which labels change at a flat border
+NEAR_PLANES = 0.25  # of the edge length; flat borders nearer than this are not told apart
 SWEEPS = 6
-REPAIRS = 60
+REPAIRS = 100
+STEP_BACK = 0.05  # of the way to the lattice
 CORRECTIONS = 5  # rounds in which border nodes are moved for the right volumes
 GOOD_VOLUME = 0.005  # relative error at which the rounds end
 LARGEST_OFFSET = 0.35  # of a smoothed label; beyond, it hardly changes with the place
@@ -45,20 +49,21 @@ def mesh_tetrahedra(
     """
     progress(0.0, "Smooth labels")
     fields = label_fields(labels, spacing, edge_length)
-    low, high = labelled_block(labels, spacing)
     progress(0.3, "Lattice")
-    lattice, cells = body_centred_lattice(low, high, CELL_SIZE * edge_length)
+    planes = flat_borders(labels, spacing, edge_length)
+    lattice, cells = body_centred_lattice(planes, CELL_SIZE * edge_length)
     strength = np.stack([field(lattice[cells].mean(axis=1)) for field in fields])
     kind = strength.argmax(axis=0)
     touches = np.zeros((len(lattice), len(fields)), bool)
     touches[cells, kind[:, None]] = True
-    held = (lattice == low) | (lattice == high)
+    held = (lattice == lattice.min(axis=0)) | (lattice == lattice.max(axis=0))
+    held |= on_flat_borders(lattice, planes, fields, touches, held)
     points = lattice.copy()
     edges = unique_edges(cells)
     for sweep in range(SWEEPS):
         progress(0.4 + 0.4 * sweep / SWEEPS, "Nodes onto borders")
         points = even_out(points, edges, touches, held)
-        points = onto_borders(points, fields, touches, held, spacing)
+        points = onto_borders(points, fields, touches, held)
         points = stay_near(points, lattice, touches, LARGEST_MOVE * CELL_SIZE * edge_length)
     meshed = np.array([field.label > 0 for field in fields])[kind]
     aim = np.bincount(np.searchsorted([f.label for f in fields], labels.ravel()))
@@ -67,7 +72,7 @@ def mesh_tetrahedra(
     offset = np.zeros(len(fields))
     for correction in range(CORRECTIONS):
         progress(0.8 + 0.2 * correction / CORRECTIONS, "Volumes and angles")
-        moved = onto_borders(points, fields, touches, held, spacing, offset)
+        moved = onto_borders(points, fields, touches, held, offset)
         moved = bulge(moved, edges, touches, held)
         moved = repair(moved, lattice, cells[meshed])
         volume = np.bincount(kind, tetrahedron_volumes(moved, cells), len(fields))
@@ -108,8 +113,8 @@ class LabelField:
     last : ndarray, shape (3,)
         Last index (i, j, k) of the image; beyond, the border value holds.
     spacing : ndarray, shape (3,)
-    steepness : float
-        Difference of two labels' fields per length across a flat border between them.
+    smoothing : ndarray, shape (3,)
+        Standard deviation of the smoothing along i, j, k, a length.
     """
 
     label: int
@@ -117,7 +122,12 @@ class LabelField:
     start: np.ndarray
     last: np.ndarray
     spacing: np.ndarray
-    steepness: float
+    smoothing: np.ndarray
+
+    @property
+    def steepness(self) -> float:
+        """Difference of two labels' fields per length, on a flat border between them."""
+        return float(2 / (np.sqrt(2 * np.pi) * self.smoothing.prod() ** (1 / 3)))
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return the values (n,) at points (n, 3) in scaled indices."""
@@ -135,7 +145,6 @@ def label_fields(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
     sigma = np.maximum(0.7, SMOOTHING * edge_length / spacing)
     margin = np.ceil(4 * sigma).astype(int)[::-1]
     last = np.array(labels.shape[::-1]) - 1
-    steepness = 2 / (np.sqrt(2 * np.pi) * float((sigma * spacing).prod()) ** (1 / 3))
     names, numbers = np.unique(labels, return_inverse=True)
     fields = []
     for label, found in zip(
@@ -148,25 +157,65 @@ def label_fields(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
             (labels[box] == label).astype(np.float32), sigma[::-1], mode="nearest"
         )
         start = np.array([s.start for s in box])[::-1]
-        fields.append(LabelField(int(label), values, start, last, spacing, steepness))
+        fields.append(LabelField(int(label), values, start, last, spacing, sigma * spacing))
     return fields
 
 
-def labelled_block(labels: np.ndarray, spacing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper corner (3,) of the smallest block of voxels that holds all labels."""
-    found = ndimage.find_objects((labels > 0).astype(np.int8))[0][::-1]
-    low = np.array([s.start - 0.5 for s in found]) * spacing
-    high = np.array([s.stop - 0.5 for s in found]) * spacing
-    return low, high
+def flat_borders(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> list[np.ndarray]:
+    """Return where flat borders cross each axis, in scaled indices, in rising order.
+
+    First and last are the ends of the smallest block of voxels that holds all labels. In between
+    come planes where the label changes over much of the block's cross-section (a pad on tissue, the
+    side of a block on a wider floor), unless they are very near to a stronger one.
+    """
+    block = ndimage.find_objects((labels > 0).astype(np.int8))[0]
+    inside = labels[block]
+    planes = []
+    for axis in range(3):
+        slices = np.moveaxis(inside, 2 - axis, 0)
+        changes = (slices[1:] != slices[:-1]).mean(axis=(1, 2))
+        length = len(slices)
+        found = [0, length]
+        for k in np.argsort(-changes, kind="stable").tolist():
+            if changes[k] < FLAT_BORDER:
+                break
+            if np.abs(np.array(found) - (k + 1)).min() * spacing[axis] > NEAR_PLANES * edge_length:
+                found.append(k + 1)
+        planes.append((block[2 - axis].start - 0.5 + np.sort(found)) * spacing[axis])
+    return planes
 
 
-def body_centred_lattice(
-    low: np.ndarray, high: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Fill a block with a body-centred cubic lattice that ends flat on its faces.
+def on_flat_borders(
+    lattice: np.ndarray,
+    planes: list[np.ndarray],
+    fields: list["LabelField"],
+    touches: np.ndarray,
+    held: np.ndarray,
+) -> np.ndarray:
+    """Return which coordinates (n, 3) are those of a plane on which the node's border lies.
 
-    Between the centres of two neighbouring cells, and the four corners of the face they share, lie
-    four tetrahedra. On the block's own faces, the centre of the face stands for the centre beyond.
+    There the border is known better than from the smoothed labels, which round edges and corners
+    by up to the length of the smoothing.
+    """
+    shift = np.abs(onto_borders(lattice, fields, touches, held) - lattice)
+    flat = np.stack([np.isin(lattice[:, k], planes[k]) for k in range(3)], axis=1)
+    several = touches.sum(axis=1) > 1
+    return flat & several[:, None] & (shift < fields[0].smoothing)
+
+
+def body_centred_lattice(planes: list[np.ndarray], size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fill a block with a body-centred cubic lattice that has flat layers at the given planes.
+
+    Between the centres of two neighbouring lattice cells, and the four corners of the face they
+    share, lie four tetrahedra. On the planes (first and last: the faces of the block) the centre of
+    the face stands for the centre beyond.
+
+    Parameters
+    ----------
+    planes : list of three ndarray
+        Coordinates along x, y and z, at least two each.
+    size : float
+        Side of a lattice cell, met as nearly as the planes allow.
 
     Returns
     -------
@@ -174,43 +223,48 @@ def body_centred_lattice(
     cells : ndarray of int, shape (m, 4)
         All of positive volume.
     """
-    count = np.maximum(1, np.rint((high - low) / size)).astype(int)
-    ticks = [np.linspace(low[k], high[k], count[k] + 1) for k in range(3)]
+    ticks, flat = zip(*(divided(axis, size) for axis in planes), strict=True)
     middles = [(t[1:] + t[:-1]) / 2 for t in ticks]
-    corner = np.arange(np.prod(count + 1)).reshape(count + 1)
     blocks = [grid_points(ticks), grid_points(middles)]
-    total = corner.size + np.prod(count)
-    centre = corner.size + np.arange(np.prod(count)).reshape(count)
-    cells = []
+    corner = np.arange(len(blocks[0])).reshape([len(t) for t in ticks])
+    centre = corner.size + np.arange(len(blocks[1])).reshape([len(m) for m in middles])
+    total, cells = corner.size + centre.size, []
     for axis in range(3):
-        other = [k for k in range(3) if k != axis]
-        layers = [np.moveaxis(centre, axis, 0)]
-        faces = []
-        for end in (0, -1):
-            flat = [[ticks[k][end]] if k == axis else middles[k] for k in range(3)]
-            blocks.append(grid_points(flat))
-            faces.append(total + np.arange(len(blocks[-1])).reshape(count[other]))
-            total += len(blocks[-1])
-        layers = np.concatenate([faces[0][None], layers[0], faces[1][None]])
-        corners = np.moveaxis(corner, axis, 0)
-        ring = [corners[:, i : i + n, j : j + m] for i, j, n, m in ring_slices(count[other])]
-        for k in range(4):
-            ends = (layers[:-1], layers[1:], ring[k], ring[(k + 1) % 4])
-            cells.append(np.stack([e.ravel() for e in ends], axis=1))
+        on_planes = [ticks[k][flat[k]] if k == axis else middles[k] for k in range(3)]
+        blocks.append(grid_points(on_planes))
+        face = total + np.arange(len(blocks[-1])).reshape([len(p) for p in on_planes])
+        total += face.size
+        corners, centres, face = (np.moveaxis(a, axis, 0) for a in (corner, centre, face))
+        rows, columns = centres.shape[1:]
+        free = np.setdiff1d(np.arange(len(ticks[axis])), flat[axis])
+        for below, above, at in (
+            (centres[free - 1], centres[free], free),
+            (centres[flat[axis][1:] - 1], face[1:], flat[axis][1:]),
+            (face[:-1], centres[flat[axis][:-1]], flat[axis][:-1]),
+        ):
+            around = [
+                corners[at, i : i + rows, j : j + columns]
+                for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+            ]
+            for k in range(4):
+                ends = (below, above, around[k], around[(k + 1) % 4])
+                cells.append(np.stack([end.ravel() for end in ends], axis=1))
     points, cells = np.vstack(blocks), np.vstack(cells)
     turned = tetrahedron_volumes(points, cells) < 0
     cells[turned] = cells[turned][:, [1, 0, 2, 3]]
     return points, cells
 
 
+def divided(planes: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gaps between planes cut into equal parts of about `size`, and where planes are."""
+    parts = np.maximum(1, np.rint(np.diff(planes) / size)).astype(int)
+    flat = np.r_[0, np.cumsum(parts)]
+    return np.interp(np.arange(flat[-1] + 1), flat, planes), flat
+
+
 def grid_points(axes: list) -> np.ndarray:
     """Return the points (n, 3) of the grid with the given coordinates along each axis."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def ring_slices(count: np.ndarray) -> list[tuple[int, int, int, int]]:
-    """Return offsets and extents of the corners of a face, one after the other around it."""
-    return [(i, j, int(count[0]), int(count[1])) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
 
 
 def unique_edges(cells: np.ndarray) -> np.ndarray:
@@ -265,7 +319,6 @@ def onto_borders(
     fields: list[LabelField],
     touches: np.ndarray,
     held: np.ndarray,
-    spacing: np.ndarray,
     offset: np.ndarray | float = 0.0,
     steps: int = 2,
 ) -> np.ndarray:
@@ -275,6 +328,7 @@ def onto_borders(
     step: to a surface for two labels, to a line for three.
     """
     offset = np.broadcast_to(offset, len(fields))
+    longest = fields[0].spacing.max()
     nodes = np.flatnonzero(touches.sum(axis=1) > 1)
     points = points.copy()
     mine, free = touches[nodes], ~held[nodes]
@@ -294,7 +348,7 @@ def onto_borders(
         inverse = np.linalg.pinv(normal, rcond=0.05, hermitian=True)
         step = -np.einsum("nde,nle,nl->nd", inverse, slope, value)
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        points[nodes] += step * np.minimum(1, spacing.max() / np.maximum(length, 1e-12))
+        points[nodes] += step * np.minimum(1, longest / np.maximum(length, 1e-12))
     return points
 
 
@@ -319,7 +373,7 @@ def repair(points: np.ndarray, lattice: np.ndarray, cells: np.ndarray) -> np.nda
         if not bad.any():
             break
         nodes = np.unique(cells[poor[bad]])
-        points[nodes] += 0.3 * (lattice[nodes] - points[nodes])
+        points[nodes] += STEP_BACK * (lattice[nodes] - points[nodes])
         near = np.zeros(len(points), bool)
         near[nodes] = True
         poor = np.flatnonzero(near[cells].any(axis=1))
