@@ -7,6 +7,7 @@ and raises it from the Python call that asked for the update.
 """
 
 import contextlib
+import copy
 import difflib
 import re
 import weakref
@@ -233,22 +234,24 @@ class Filter(VTKPythonAlgorithmBase):
             if data is not None:
                 self.SetInputData(data)
             self.Update()
-            copy = self.GetOutput().NewInstance()
-            copy.ShallowCopy(self.GetOutput())
+            output = self.GetOutput().NewInstance()
+            output.ShallowCopy(self.GetOutput())
         finally:
             if data is not None:
                 self.RemoveAllInputConnections(0)
                 for connection in connections:
                     self.AddInputConnection(0, connection)
             del producers
-        return copy
+        return output
 
     def _number_of_inputs(self):
         return self.GetNumberOfInputConnections(0) if self.ports else 0
 
     def _raise_first_error(self):
         for algorithm in _upstream(self):
-            for error in getattr(algorithm, "_errors", ()):
+            errors = getattr(algorithm, "_errors", None)
+            if errors:
+                error, errors[0] = errors[0], _without_frames(errors[0])
                 raise error
 
 
@@ -256,9 +259,11 @@ _BASE_ATTRIBUTES = {"NumberOfInputPorts", "NumberOfOutputPorts", "InputType", "O
 
 
 def _run_starts(filter, event):
-    """Forget the last run's failures. A run over blocks holds one run per block."""
+    """Forget the last run's failures and its cancel. A run over blocks holds one per block."""
     if filter._depth == 0:
         filter._errors.clear()
+        if filter.GetAbortExecute():
+            filter.SetAbortExecute(0)
     filter._depth += 1
 
 
@@ -280,6 +285,14 @@ def _executive_ear(reference):
         vtkOutputWindow.GetInstance().DisplayErrorText(f"ERROR: {filter.GetLastError()}\n")
 
     return hear
+
+
+def _without_frames(error: BaseException) -> BaseException:
+    """Return a copy to keep: what is raised holds the frames, and through them the filter."""
+    try:
+        return copy.copy(error)
+    except TypeError:  # an exception whose constructor wants more than its message
+        return RuntimeError(str(error))
 
 
 def _output_port(source) -> vtkAlgorithmOutput:

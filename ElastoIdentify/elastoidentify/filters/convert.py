@@ -6,7 +6,7 @@ import re
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.util.vtkConstants import VTK_INT, VTK_UNSIGNED_CHAR
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray, vtkUnsignedCharArray, vtkVersion
 from vtkmodules.vtkCommonDataModel import (
     VTK_HEXAHEDRON,
     VTK_QUAD,
@@ -134,7 +134,7 @@ def mesh_blocks(grid: vtkUnstructuredGrid) -> tuple[list[tuple[str, np.ndarray]]
     """
     if grid.GetNumberOfCells() == 0:
         raise InputError("the mesh has no cells")
-    types = vtk_to_numpy(grid.GetCellTypesArray())
+    types = _cell_types(grid)
     known = {number: (kind, nodes) for kind, (number, nodes) in KINDS.items()}
     others = [number for number in np.unique(types) if number not in known]
     if others:
@@ -152,6 +152,14 @@ def mesh_blocks(grid: vtkUnstructuredGrid) -> tuple[list[tuple[str, np.ndarray]]
         blocks.append((kind, corners[offsets[members][:, None] + np.arange(nodes)].astype(int)))
         order.append(members)
     return blocks, np.concatenate(order)
+
+
+def _cell_types(grid: vtkUnstructuredGrid) -> np.ndarray:
+    """Return VTK's number of each cell's kind, (n_cells,)."""
+    new = (vtkVersion.GetVTKMajorVersion(), vtkVersion.GetVTKMinorVersion()) >= (9, 6)
+    plain = vtkUnsignedCharArray()
+    plain.DeepCopy(grid.GetCellTypes() if new else grid.GetCellTypesArray())
+    return vtk_to_numpy(plain)
 
 
 def simplices(grid: vtkUnstructuredGrid) -> np.ndarray:

@@ -205,9 +205,8 @@ class Rows(Vector):
     def _checked_row(self, filter, row):
         row = row if isinstance(row, Iterable) else (row,)
         numbers = self._numbers(filter, row, *self.lengths)
-        for number, kind, column in zip(numbers, self.kinds, self.columns, strict=False):
-            if kind(number) != number:
-                self._refuse(filter, number, f"a whole number in the column {column!r}")
-        kinds = (*self.kinds, *[float] * (len(numbers) - len(self.kinds)))
-        converted = tuple(kind(number) for number, kind in zip(numbers, kinds, strict=True))
+        converted = tuple(kind(number) for number, kind in zip(numbers, self.kinds, strict=False))
+        for was, number, column in zip(numbers, converted, self.columns, strict=False):
+            if was != number:
+                self._refuse(filter, was, f"a whole number in the column {column!r}")
         return converted if len(self.columns) > 1 else converted[0]
