@@ -121,7 +121,29 @@ def test_a_block_in_air_keeps_its_faces_edges_and_corners():
     top = np.unique(result.cells[result.labels == 3])
     shared = result.points[np.intersect1d(top, result.cells[result.labels == 1])]
     assert len(shared) > 50
-    assert np.abs(shared[:, 2] - 33.5).max() < 1e-3
+    assert np.allclose(shared[:, 2], 33.5, atol=1e-6)
+
+
+def test_a_block_on_a_wider_floor_keeps_the_corners_and_volumes_of_both():
+    labels = layered_block()
+    labels[labels == 2] = 1
+    labels[1:5, 6:54, 5:60] = 4
+    result = mesh_segmentation(Image(labels), 5.0)
+    check_conforming(result)
+    assert dihedral_angles(result.points, result.cells).min() >= 10
+    for label, volume in volumes(result).items():
+        assert volume == pytest.approx((labels == label).sum(), rel=1e-6)
+    for corner in ((4.5, 5.5, 0.5), (59.5, 53.5, 4.5), (8.5, 49.5, 4.5), (55.5, 10.5, 33.5)):
+        assert np.linalg.norm(result.points - corner, axis=1).min() < 1e-6
+
+
+def test_a_flat_layer_of_a_third_of_the_edge_length_stays_whole():
+    labels = np.ones((30, 40, 40), int)
+    labels[14:16] = 2
+    result = mesh_segmentation(Image(labels), 6.0)
+    check_conforming(result)
+    assert dihedral_angles(result.points, result.cells).min() >= 10
+    assert volumes(result)[2] == pytest.approx(2 * 40 * 40, rel=1e-9)
 
 
 def test_a_block_that_fills_the_image_reaches_the_outer_voxel_edges():
@@ -196,7 +218,7 @@ def test_rigid_labels_and_boxes_hold_their_nodes():
     held = result.points[result.reaction_nodes == 1]
     top = held[:, 2] > 40
     assert (~top).sum() == len(bottom)
-    assert np.abs(held[~top, 2] - 4.5).max() < 0.1
+    assert np.allclose(held[~top, 2], 4.5, atol=1e-6)
     assert np.allclose(held[top, 2], 43.5)
     free = result.points[result.reaction_nodes == 0]
     assert (free[:, 2] < 43.4).all()

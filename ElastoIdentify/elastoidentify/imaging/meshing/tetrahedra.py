@@ -1,11 +1,12 @@
 """Conforming tetrahedra from a lattice that is pulled onto the borders between labels.
 
-The block that holds all labels is filled with a body-centred cubic lattice, whose tetrahedra have
-dihedral angles of 45° to 90°. Where labels have flat borders across an axis, it has flat layers.
-Each tetrahedron takes the label that is strongest at its centre; nodes between tetrahedra of
-different labels are then moved onto the smoothed border between these labels, as far as the cells
-around stay good. (The idea is that of Labelle and Shewchuk, Isosurface stuffing, ACM Transactions
-on Graphics 26, 2007, and of its multi-label kin; here nodes are moved, but cells never cut.)
+The smallest block of voxels with all labels in it is filled with a body-centred cubic lattice, whose
+tetrahedra have dihedral angles of 45° to 90°. Where labels have flat borders across an axis, it has
+flat layers. Each tetrahedron takes the label that is strongest at its centre; nodes between
+tetrahedra of different labels are then moved onto the smoothed border between these labels, as far
+as the cells around stay good. (The idea is that of Labelle and Shewchuk, Isosurface stuffing, ACM
+Transactions on Graphics 26, 2007, and of its multi-label kin; here nodes are moved, but cells never
+cut.)
 """
 
 from dataclasses import dataclass
@@ -48,6 +49,8 @@ def mesh_tetrahedra(
     Points are in scaled indices: voxel [k, j, i] has its centre at (i, j, k) · spacing.
     """
     progress(0.0, "Smooth labels")
+    block = ndimage.find_objects((labels > 0).astype(np.int8))[0]
+    labels = labels[block]
     fields = label_fields(labels, spacing, edge_length)
     progress(0.3, "Lattice")
     planes = flat_borders(labels, spacing, edge_length)
@@ -83,7 +86,8 @@ def mesh_tetrahedra(
         offset = np.clip(offset + shift * fields[0].steepness, -LARGEST_OFFSET, LARGEST_OFFSET)
     used, cells = np.unique(cells[meshed], return_inverse=True)
     named = np.array([field.label for field in fields])[kind[meshed]]
-    return moved[used], cells.reshape(-1, 4), named
+    start = np.array([part.start for part in block[::-1]]) * spacing
+    return moved[used] + start, cells.reshape(-1, 4), named
 
 
 def border_areas(labels: np.ndarray, spacing: np.ndarray, fields: list["LabelField"]) -> np.ndarray:
@@ -111,7 +115,7 @@ class LabelField:
     start : ndarray, shape (3,)
         Index (i, j, k) of its first voxel.
     last : ndarray, shape (3,)
-        Last index (i, j, k) of the image; beyond, the border value holds.
+        Last index (i, j, k) of the labelled block; beyond, the border value holds.
     spacing : ndarray, shape (3,)
     smoothing : ndarray, shape (3,)
         Standard deviation of the smoothing along i, j, k, a length.
@@ -164,24 +168,21 @@ def label_fields(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
 def flat_borders(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> list[np.ndarray]:
     """Return where flat borders cross each axis, in scaled indices, in rising order.
 
-    First and last are the ends of the smallest block of voxels that holds all labels. In between
-    come planes where the label changes over much of the block's cross-section (a pad on tissue, the
-    side of a block on a wider floor), unless they are very near to a stronger one.
+    First and last are the ends of the array. In between come planes where the label changes over
+    much of the cross-section (a pad on tissue, the side of a block on a wider floor), unless they
+    are very near to a stronger one.
     """
-    block = ndimage.find_objects((labels > 0).astype(np.int8))[0]
-    inside = labels[block]
     planes = []
     for axis in range(3):
-        slices = np.moveaxis(inside, 2 - axis, 0)
+        slices = np.moveaxis(labels, 2 - axis, 0)
         changes = (slices[1:] != slices[:-1]).mean(axis=(1, 2))
-        length = len(slices)
-        found = [0, length]
+        found = [0, len(slices)]
         for k in np.argsort(-changes, kind="stable").tolist():
             if changes[k] < FLAT_BORDER:
                 break
             if np.abs(np.array(found) - (k + 1)).min() * spacing[axis] > NEAR_PLANES * edge_length:
                 found.append(k + 1)
-        planes.append((block[2 - axis].start - 0.5 + np.sort(found)) * spacing[axis])
+        planes.append((np.sort(found) - 0.5) * spacing[axis])
     return planes
 
 
