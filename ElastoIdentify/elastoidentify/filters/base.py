@@ -21,7 +21,9 @@ from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkCommonExecutionModel import (
     vtkAlgorithm,
     vtkAlgorithmOutput,
-    vtkDemandDrivenPipeline,
+)
+from vtkmodules.vtkCommonExecutionModel import (
+    vtkStreamingDemandDrivenPipeline as _Pipeline,
 )
 
 from ..errors import Cancelled, InputError
@@ -33,19 +35,24 @@ failure_listeners = []
 
 @dataclass(frozen=True)
 class Port:
-    """An input port: what it is called, the type of its data, whether it takes several."""
+    """An input port: what it is called, the type of its data, whether it takes several.
+
+    Every time step of what is connected to a port `over_time` is one more of its data objects,
+    while the filter's ``time_steps_as_trials`` is on.
+    """
 
     name: str
     data_type: str
     repeatable: bool = False
+    over_time: bool = False
 
 
 class Filter(VTKPythonAlgorithmBase):
     """A VTK filter whose settings are keywords and properties, and whose failures raise.
 
     A subclass declares `ports`, its options (see :mod:`.options`) and ``execute``, which gets one
-    argument per port (a list for a repeatable port) and the progress callable, and returns the
-    output. It raises what it has to; nothing of a failed run reaches the output.
+    argument per port (a list where the port is repeatable or over time) and the progress callable,
+    and returns the output. It raises what it has to; nothing of a failed run reaches the output.
 
     Parameters
     ----------
@@ -58,6 +65,7 @@ class Filter(VTKPythonAlgorithmBase):
 
     def __init__(self, **settings):
         self._errors, self._depth = [], 0
+        self._step, self._earlier = 0, {}
         VTKPythonAlgorithmBase.__init__(
             self, nInputPorts=len(self.ports), nOutputPorts=1, outputType=self.output_type
         )
@@ -134,20 +142,39 @@ class Filter(VTKPythonAlgorithmBase):
         """Do the work: return the output data object or raise."""
         raise NotImplementedError
 
+    def RequestUpdateExtent(self, request, inInfo, outInfo):
+        """Ask the ports over time for the step whose turn it is."""
+        time_asked = outInfo.GetInformationObject(0).Has(_Pipeline.UPDATE_TIME_STEP())
+        as_trials = getattr(self, "time_steps_as_trials", False)
+        for info in self._infos_over_time(inInfo):
+            last = info.Length(_Pipeline.TIME_STEPS()) - 1
+            if last >= 0 and (as_trials or not time_asked):  # VTK passes on a time asked for
+                time = info.Get(_Pipeline.TIME_STEPS(), min(self._step, last))
+                info.Set(_Pipeline.UPDATE_TIME_STEP(), time)
+        return 1
+
     def RequestData(self, request, inInfo, outInfo):
         """Run, and publish the result only if all went well."""
         info = outInfo.GetInformationObject(0)
         output = info.Get(vtkDataObject.DATA_OBJECT())
         try:
-            output.ShallowCopy(self.execute(*self._inputs(inInfo), progress=self._report))
+            inputs = list(self._inputs(inInfo))
+            if self._more_steps(inInfo):
+                request.Set(_Pipeline.CONTINUE_EXECUTING(), 1)
+                return 1
+            request.Remove(_Pipeline.CONTINUE_EXECUTING())
+            output.ShallowCopy(self.execute(*inputs, progress=self._report))
         except (Exception, KeyboardInterrupt) as error:
+            request.Remove(_Pipeline.CONTINUE_EXECUTING())
+            self._step, self._earlier = 0, {}
             self._fail(error)
             output.Initialize()
-            info.Set(vtkDemandDrivenPipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
+            info.Set(_Pipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
             return 0
         return 1
 
     def _inputs(self, inInfo):
+        """Yield what ``execute`` gets, port by port."""
         for number, port in enumerate(self.ports):
             vector = inInfo[number]
             objects = [
@@ -158,7 +185,47 @@ class Filter(VTKPythonAlgorithmBase):
                 raise InputError(
                     f"no {port.name} given: connect a {port.data_type} to input port {number}"
                 )
-            yield objects if port.repeatable else objects[0]
+            if port.over_time:
+                yield self._over_time(number, vector, objects)
+            else:
+                yield objects if port.repeatable else objects[0]
+
+    # ---- time steps
+
+    def _infos_over_time(self, inInfo):
+        """Yield the information object of every connection whose time steps can be trials."""
+        for number, port in enumerate(self.ports):
+            if port.over_time:
+                for i in range(inInfo[number].GetNumberOfInformationObjects()):
+                    yield inInfo[number].GetInformationObject(i)
+
+    def _over_time(self, number, vector, objects):
+        """Return the objects of a port, all steps of the first connection first.
+
+        Copies of earlier steps are kept in ``_earlier``: what is upstream reuses its object.
+        """
+        steps = [
+            vector.GetInformationObject(i).Length(_Pipeline.TIME_STEPS())
+            for i in range(len(objects))
+        ]
+        for i, data in enumerate(objects):
+            if self._step < max(steps[i], 1):
+                copied = data.NewInstance()
+                copied.ShallowCopy(data)
+                self._earlier.setdefault((number, i), []).append(copied)
+        return [data for i in range(len(objects)) for data in self._earlier[number, i]]
+
+    def _more_steps(self, inInfo) -> bool:
+        """Go on to the next time step, or tell that there is none."""
+        infos = self._infos_over_time(inInfo)
+        steps = max((info.Length(_Pipeline.TIME_STEPS()) for info in infos), default=1)
+        if getattr(self, "time_steps_as_trials", False) and self._step + 1 < steps:
+            self._step += 1
+            return True
+        self._step, self._earlier = 0, {}
+        return False
+
+    # ---- progress
 
     def _report(self, fraction: float, text: str):
         """Show progress; the :data:`~elastoidentify.progress.Progress` handed to the library."""

@@ -13,13 +13,17 @@ from vtkmodules.vtkCommonDataModel import (
     VTK_TETRA,
     VTK_TRIANGLE,
     vtkCellArray,
-    vtkCellTypes,
     vtkImageData,
     vtkUnstructuredGrid,
 )
 
 from ..errors import InputError
 from ..imaging.image import Image
+
+try:
+    from vtkmodules.vtkCommonDataModel import vtkCellTypeUtilities as _KIND_NAMES  # from VTK 9.6
+except ImportError:
+    from vtkmodules.vtkCommonDataModel import vtkCellTypes as _KIND_NAMES
 
 KINDS = {
     "triangle": (VTK_TRIANGLE, 3),
@@ -138,7 +142,7 @@ def mesh_blocks(grid: vtkUnstructuredGrid) -> tuple[list[tuple[str, np.ndarray]]
     known = {number: (kind, nodes) for kind, (number, nodes) in KINDS.items()}
     others = [number for number in np.unique(types) if number not in known]
     if others:
-        names = ", ".join(vtkCellTypes.GetClassNameFromTypeId(int(number)) for number in others)
+        names = ", ".join(_KIND_NAMES.GetClassNameFromTypeId(int(number)) for number in others)
         raise InputError(
             f"the mesh has cells of kind {names}: only triangles, quads, tetrahedra and hexahedra "
             "can be used; take these out with Threshold, or triangulate the mesh first"

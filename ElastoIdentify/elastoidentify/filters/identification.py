@@ -3,6 +3,8 @@
 import numpy as np
 
 from ..errors import InputError
+from ..kinematics import KINEMATICS
+from ..methods import METHODS
 from .base import Filter, Port
 from .convert import (
     DISPLACEMENT,
@@ -18,11 +20,9 @@ from .convert import (
     to_json,
     vectors,
 )
-from .options import Choice, Number, Rows
+from .options import Choice, Flag, Number, Rows
 from .selection import Selection
 
-METHODS = ("auto", "sequential", "global", "regularized")
-KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
 KNOWN = ("KnownYoungModulus", "KnownPoissonRatio")
 
 CELL_RESULTS = {
@@ -50,7 +50,7 @@ class LameIdentification(Filter):
     and the field data string ``IdentificationReport`` (JSON).
     """
 
-    ports = (Port("mesh", "vtkUnstructuredGrid"),)
+    ports = (Port("mesh", "vtkUnstructuredGrid", over_time=True),)
 
     known_materials = Rows(
         "KnownMaterial",
@@ -100,6 +100,12 @@ class LameIdentification(Filter):
         kind=int,
     )
 
+    time_steps_as_trials = Flag(
+        False,
+        "Every time step of the mesh is a push of its own: the displacements of all steps are "
+        "trials.",
+    )
+
     def __init__(self, **settings):
         self._trials = Selection(self)
         super().__init__(**settings)
@@ -143,10 +149,11 @@ class LameIdentification(Filter):
 
     # ---- work
 
-    def execute(self, mesh, progress):
+    def execute(self, meshes, progress):
         """Return the mesh with the result arrays."""
         from ..identification import identify
 
+        mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         blocks, order = mesh_blocks(mesh)
         trials = self.trials(mesh)
         if not trials:
@@ -191,6 +198,38 @@ class LameIdentification(Filter):
             free = here & np.isnan(known).any(axis=1)  # what is said of a cell goes first
             known[free] = constants
         return known
+
+
+def trials_of_steps(meshes, trials):
+    """Return one mesh with the displacements of all time steps, numbered through.
+
+    Parameters
+    ----------
+    meshes : sequence of vtkUnstructuredGrid
+        The same mesh at each step.
+    trials : callable
+        Gives the names of a mesh's displacement arrays.
+    """
+    grid = meshes[0].NewInstance()
+    grid.ShallowCopy(meshes[0])
+    for name in displacement_names(grid):
+        grid.GetPointData().RemoveArray(name)
+        grid.GetPointData().RemoveArray(information_name(name))
+    number = 0
+    for step, mesh in enumerate(meshes):
+        if mesh.GetNumberOfPoints() != grid.GetNumberOfPoints():
+            raise InputError(
+                f"the mesh has {mesh.GetNumberOfPoints()} nodes at time step {step} and "
+                f"{grid.GetNumberOfPoints()} at the first: only steps of one mesh can be trials"
+            )
+        points = mesh.GetPointData()
+        for name in trials(mesh):
+            number += 1
+            set_array(grid.GetPointData(), f"Displacement_{number}", _displacement(mesh, name))
+            if has_array(points, information_name(name)) and information_name(name) != name:
+                rows = get_array(points, information_name(name))
+                set_array(grid.GetPointData(), f"DisplacementInformation_{number}", rows)
+    return grid
 
 
 def write_identification(grid, result, order=None):

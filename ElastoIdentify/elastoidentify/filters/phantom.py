@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from ..kinematics import KINEMATICS
 from ..progress import part
 from .base import Filter
 from .convert import mesh_to_vtk, set_array, vectors
-from .identification import KINEMATICS
 from .options import Choice, Number, Rows, Vector
 
 PAD, TISSUE, INCLUSION = 1, 2, 3

@@ -17,17 +17,18 @@ from .convert import (
     to_json,
     vectors,
 )
-from .options import File
+from .options import File, Flag
 
 
 class ElastixNodalDisplacement(Filter):
     """Register every pushed image to the rest image, and read the displacement at the nodes.
 
     Inputs: the mesh (port 0), the rest image (port 1), one pushed image per trial (port 2, any
-    number). Output: the mesh with the point arrays ``Displacement_k`` (rest → pushed, in the
-    mesh's length unit) and ``DisplacementInformation_k`` (inverse covariance, xx yy zz xy yz xz,
-    in 1/length²), and the field data string ``RegistrationReport`` (JSON). All else that the mesh
-    carries stays. The registration runs in a worker process and can be cancelled.
+    number, or a series with a push per time step). Output: the mesh with the point arrays
+    ``Displacement_k`` (rest → pushed, in the mesh's length unit) and
+    ``DisplacementInformation_k`` (inverse covariance, xx yy zz xy yz xz, in 1/length²), and the
+    field data string ``RegistrationReport`` (JSON). All else that the mesh carries stays. The
+    registration runs in a worker process and can be cancelled.
 
     A planar mesh in a slice of three-dimensional images is registered in that slice.
     """
@@ -35,13 +36,16 @@ class ElastixNodalDisplacement(Filter):
     ports = (
         Port("mesh", "vtkUnstructuredGrid"),
         Port("rest image", "vtkImageData"),
-        Port("pushed images", "vtkImageData", repeatable=True),
+        Port("pushed images", "vtkImageData", repeatable=True, over_time=True),
     )
 
     parameter_file = File(
         "elastix parameter file; empty: the one that comes with ElastoIdentify.",
         extensions="txt",
         description="elastix parameter file",
+    )
+    time_steps_as_trials = Flag(
+        True, "Every time step of a pushed image series is a trial; off: the current one only."
     )
 
     # ---- inputs
