@@ -1,0 +1,653 @@
+"""Slicer module: stiffness of soft tissue from images alone."""
+
+import importlib.metadata
+import logging
+import os
+import time
+from typing import Annotated
+
+import numpy as np
+import qt
+import slicer
+import vtk
+from slicer import (
+    vtkMRMLModelNode,
+    vtkMRMLScalarVolumeNode,
+    vtkMRMLSegmentationNode,
+    vtkMRMLTransformNode,
+)
+from slicer.i18n import tr as _
+from slicer.i18n import translate
+from slicer.parameterNodeWrapper import Choice, WithinRange, parameterNodeWrapper
+from slicer.ScriptedLoadableModule import (
+    ScriptedLoadableModule,
+    ScriptedLoadableModuleLogic,
+    ScriptedLoadableModuleTest,
+    ScriptedLoadableModuleWidget,
+)
+from slicer.util import VTKObservationMixin
+
+SAMPLE = "ElastoIdentify phantom"
+POLLING_INTERVAL = 200  # milliseconds
+
+
+class ElastoIdentify(ScriptedLoadableModule):
+    """What Slicer shows of the module in its menus and help."""
+
+    def __init__(self, parent):
+        ScriptedLoadableModule.__init__(self, parent)
+        self.parent.title = "ElastoIdentify"
+        self.parent.categories = [translate("qSlicerAbstractCoreModule", "Quantification")]
+        self.parent.dependencies = []
+        self.parent.contributors = ["The ElastoIdentify authors"]
+        self.parent.helpText = _(
+            "Stiffness of soft tissue from images alone: a block of tissue is imaged at rest and "
+            "while a pad of known stiffness pushes it; the Lamé constants of every cell of a mesh "
+            "follow from how the tissue moved. Cells that the images do not determine are shown "
+            'as such. See the <a href="https://github.com/elastoidentify/SlicerElastoIdentify/'
+            'blob/main/docs/slicer.md">tutorial</a>. A research tool, no medical device.'
+        )
+        self.parent.acknowledgementText = _(
+            "Displacements are measured with elastix (Klein et al., IEEE Transactions on Medical "
+            "Imaging 29, 2010)."
+        )
+        slicer.app.connect("startupCompleted()", registerSampleData)
+
+
+def registerSampleData():
+    """Add the phantom to the Sample Data module."""
+    import SampleData
+
+    icons = os.path.join(os.path.dirname(__file__), "Resources", "Icons")
+    SampleData.SampleDataLogic.registerCustomSampleDataSource(
+        category="ElastoIdentify",
+        sampleName=SAMPLE,
+        thumbnailFileName=os.path.join(icons, "ElastoIdentifyPhantom.png"),
+        uris=["generated"],
+        fileNames=[SAMPLE],
+        nodeNames=[None],
+        checksums=[None],
+        customDownloader=loadSample,
+    )
+
+
+def loadSample(source=None):
+    """Make the phantom's nodes in the scene; needs no network. Returns the nodes, rest first."""
+    from ElastoIdentifyLib.sample import add_phantom
+
+    return add_phantom()
+
+
+@parameterNodeWrapper
+class ElastoIdentifyParameterNode:
+    """The choices of the panel; stored in the scene. Meanings: ElastoIdentifyLib.request.Request.
+
+    materials is JSON by segment id, see ElastoIdentifyLib.request.materials_to_text.
+    """
+
+    restVolume: vtkMRMLScalarVolumeNode
+    pushedVolumes: list[vtkMRMLScalarVolumeNode]
+    useTransforms: bool = False
+    transforms: list[vtkMRMLTransformNode]
+    transformsToRest: bool = False
+    segmentation: vtkMRMLSegmentationNode
+    materials: str = "{}"
+    unit: Annotated[str, Choice(["kPa", "Pa", "MPa"])] = "kPa"
+    edgeLength: Annotated[float, WithinRange(0.01, 1000.0)] = 5.0
+    wholeVolume: bool = False
+    sliceAxis: Annotated[str, Choice(["i", "j", "k"])] = "k"
+    sliceIndex: Annotated[int, WithinRange(-1, 100000)] = -1
+    method: Annotated[str, Choice(["auto", "sequential", "global", "regularized"])] = "auto"
+    unknowns: Annotated[str, Choice(["young", "lambda-mu"])] = "young"
+    poissonRatio: Annotated[float, WithinRange(0.0, 0.499)] = 0.45
+    grouping: Annotated[str, Choice(["cell", "label"])] = "cell"
+    kinematics: Annotated[str, Choice(["small-strain", "st-venant-kirchhoff", "neo-hookean"])] = (
+        "small-strain"
+    )
+    plane: Annotated[str, Choice(["strain", "stress"])] = "strain"
+    noise: Annotated[float, WithinRange(0.0, 100.0)] = 0.0
+    resultName: str = "Stiffness"
+    resultModel: vtkMRMLModelNode
+    replacePrevious: bool = True
+    show: Annotated[
+        str, Choice(["Mu", "Lambda", "YoungModulus", "PoissonRatio", "MuStd", "LambdaStd"])
+    ] = "Mu"
+
+
+class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
+    """The panel: choices in the parameter node, Apply that turns into Cancel, a status line."""
+
+    def __init__(self, parent=None):
+        ScriptedLoadableModuleWidget.__init__(self, parent)
+        VTKObservationMixin.__init__(self)
+        self.logic = None
+        self.run = None
+        self._parameterNode = None
+        self._guiTag = None
+        self._filling = False
+
+    # ---- set-up and scene events
+
+    def setup(self):
+        ScriptedLoadableModuleWidget.setup(self)
+        panel = slicer.util.loadUI(self.resourcePath("UI/ElastoIdentify.ui"))
+        self.layout.addWidget(panel)
+        self.ui = slicer.util.childWidgetVariables(panel)
+        panel.setMRMLScene(slicer.mrmlScene)
+        self.logic = ElastoIdentifyLogic()
+        self.timer = qt.QTimer()
+        self.timer.setInterval(POLLING_INTERVAL)
+        self.timer.connect("timeout()", self.onTimer)
+
+        header = ["Segment", "Role", "E", "ν"]
+        self.ui.materialsTable.setColumnCount(len(header))
+        self.ui.materialsTable.setHorizontalHeaderLabels(header)
+        self.ui.progressBar.visible = False
+
+        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.StartCloseEvent, self.onSceneStartClose)
+        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndCloseEvent, self.onSceneEndClose)
+        self.ui.applyButton.connect("clicked(bool)", self.onApplyButton)
+        self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
+        self.ui.pushedSelector.connect("checkedNodesChanged()", self.onListsChanged)
+        self.ui.transformsSelector.connect("checkedNodesChanged()", self.onListsChanged)
+        self.ui.materialsTable.connect("cellChanged(int,int)", self.onMaterialEdited)
+        self.initializeParameterNode()
+
+    def cleanup(self):
+        self.cancelRun()
+        self.removeObservers()
+
+    def enter(self):
+        self.initializeParameterNode()
+
+    def exit(self):
+        # A run goes on while the user looks at other modules; the panel is refreshed on return.
+        self._disconnectGui()
+
+    def onSceneStartClose(self, caller=None, event=None):
+        self.cancelRun()
+        self.setParameterNode(None)
+
+    def onSceneEndClose(self, caller=None, event=None):
+        if self.parent.isEntered:
+            self.initializeParameterNode()
+
+    def initializeParameterNode(self):
+        """Make sure that the parameter node is there, and suggest what can be guessed."""
+        self.setParameterNode(self.logic.getParameterNode())
+        from ElastoIdentifyLib.request import first_of_class
+
+        if self._parameterNode.restVolume is None:
+            self._parameterNode.restVolume = first_of_class("vtkMRMLScalarVolumeNode")
+        if self._parameterNode.segmentation is None:
+            self._parameterNode.segmentation = first_of_class("vtkMRMLSegmentationNode")
+
+    def setParameterNode(self, parameterNode):
+        self._disconnectGui()
+        self._parameterNode = parameterNode
+        if parameterNode is not None:
+            self._guiTag = parameterNode.connectGui(self.ui)
+            self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified)
+            self.onParametersModified()
+
+    def _disconnectGui(self):
+        if self._parameterNode is not None and self._guiTag is not None:
+            self._parameterNode.disconnectGui(self._guiTag)
+            self._guiTag = None
+            self.removeObserver(
+                self._parameterNode, vtk.vtkCommand.ModifiedEvent, self.onParametersModified
+            )
+
+    # ---- panel and parameter node
+
+    def onParametersModified(self, caller=None, event=None):
+        """Bring the parts of the panel up to date that no property connects."""
+        if self._parameterNode is None or self._filling:
+            return
+        self._filling = True
+        try:
+            self._checkNodes(self.ui.pushedSelector, self._parameterNode.pushedVolumes)
+            self._checkNodes(self.ui.transformsSelector, self._parameterNode.transforms)
+            self._observeSegmentation()
+            self._fillMaterials()
+            useTransforms = self._parameterNode.useTransforms
+            self.ui.pushedSelector.enabled = not useTransforms
+            self.ui.transformsSelector.enabled = useTransforms
+            self.ui.transformsToRestCheckBox.enabled = useTransforms
+            self.ui.poissonRatioSpinBox.enabled = self._parameterNode.unknowns == "young"
+            for widget in (
+                self.ui.sliceAxisComboBox,
+                self.ui.sliceIndexSpinBox,
+                self.ui.currentSliceButton,
+            ):
+                widget.enabled = not self._parameterNode.wholeVolume
+        finally:
+            self._filling = False
+        self._showQuantity()
+        self.updateApplyButton()
+
+    @staticmethod
+    def _checkNodes(selector, nodes):
+        for node in selector.checkedNodes():
+            if node not in nodes:
+                selector.setCheckState(node, qt.Qt.Unchecked)
+        for node in nodes:
+            if node is not None and selector.checkState(node) != qt.Qt.Checked:
+                selector.setCheckState(node, qt.Qt.Checked)
+
+    def onListsChanged(self):
+        if self._parameterNode is None or self._filling:
+            return
+        wasModified = self._parameterNode.StartModify()
+        self._parameterNode.pushedVolumes = list(self.ui.pushedSelector.checkedNodes())
+        self._parameterNode.transforms = list(self.ui.transformsSelector.checkedNodes())
+        self._parameterNode.EndModify(wasModified)
+
+    def _observeSegmentation(self):
+        """Follow segments that are added, renamed or removed."""
+        segmentation = self._parameterNode.segmentation
+        if getattr(self, "_observedSegmentation", None) is segmentation:
+            return
+        for event in _segmentEvents():
+            if getattr(self, "_observedSegmentation", None) is not None:
+                self.removeObserver(self._observedSegmentation, event, self.onParametersModified)
+            if segmentation is not None:
+                self.addObserver(segmentation, event, self.onParametersModified)
+        self._observedSegmentation = segmentation
+
+    def _fillMaterials(self):
+        from ElastoIdentifyLib.request import (
+            ROLES,
+            materials_from_text,
+            segment_names,
+            suggested_material,
+        )
+
+        table = self.ui.materialsTable
+        materials = materials_from_text(self._parameterNode.materials)
+        names = segment_names(self._parameterNode.segmentation)
+        unit = self._parameterNode.unit
+        table.setHorizontalHeaderLabels(["Segment", "Role", f"E ({unit})", "ν"])
+        if list(names) != getattr(self, "_segmentIds", None) or table.rowCount != len(names):
+            self._segmentIds = list(names)
+            table.setRowCount(len(names))
+            for row in range(len(names)):
+                roles = qt.QComboBox()
+                roles.addItems([_(role) for role in ROLES])
+                roles.connect("currentIndexChanged(int)", self.onMaterialEdited)
+                table.setCellWidget(row, 1, roles)
+                for column in (0, 2, 3):
+                    table.setItem(row, column, qt.QTableWidgetItem(""))
+                table.item(row, 0).setFlags(qt.Qt.ItemIsEnabled)
+        for row, (segmentId, name) in enumerate(names.items()):
+            material = materials.get(segmentId) or suggested_material(
+                self._parameterNode.segmentation, segmentId
+            )
+            table.item(row, 0).setText(name)
+            table.cellWidget(row, 1).setCurrentIndex(ROLES.index(material.role))
+            known = material.role == "known"
+            editable = qt.Qt.ItemIsEnabled | qt.Qt.ItemIsSelectable | qt.Qt.ItemIsEditable
+            for column, value in ((2, material.young), (3, material.poisson)):
+                table.item(row, column).setText(f"{value:g}" if known else "")
+                table.item(row, column).setFlags(editable if known else qt.Qt.NoItemFlags)
+
+    def onMaterialEdited(self, *_ignored):
+        """Write the table to the parameter node."""
+        if self._parameterNode is None or self._filling:
+            return
+        from ElastoIdentifyLib.request import (
+            ROLES,
+            Material,
+            materials_from_text,
+            materials_to_text,
+            suggested_material,
+        )
+
+        table = self.ui.materialsTable
+        materials = materials_from_text(self._parameterNode.materials)
+        for row, segmentId in enumerate(self._segmentIds):
+            material = materials.get(segmentId) or suggested_material(
+                self._parameterNode.segmentation, segmentId
+            )
+            wasKnown = material.role == "known"
+            role = ROLES[table.cellWidget(row, 1).currentIndex]
+            young, poisson = material.young, material.poisson
+            if wasKnown:
+                young = _number(table.item(row, 2).text(), float("nan"))
+                poisson = _number(table.item(row, 3).text(), float("nan"))
+            materials[segmentId] = Material(role, young, poisson)
+        self._parameterNode.materials = materials_to_text(materials)
+
+    def onCurrentSlice(self, checked=False):
+        """Take the slice that the red view shows."""
+        volume = self._parameterNode.restVolume
+        if volume is None:
+            return
+        sliceNode = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+        if sliceNode is None:
+            return
+        axis, index = self.logic.sliceOfView(volume, sliceNode)
+        wasModified = self._parameterNode.StartModify()
+        self._parameterNode.sliceAxis = "ijk"[axis]
+        self._parameterNode.sliceIndex = index
+        self._parameterNode.EndModify(wasModified)
+
+    def _showQuantity(self):
+        model = self._parameterNode.resultModel
+        shown = self._parameterNode.show
+        if model is None or model.GetDisplayNode() is None:
+            return
+        if model.GetDisplayNode().GetActiveScalarName() != shown:
+            from ElastoIdentifyLib.outputs import show_quantity
+
+            show_quantity(model, shown)
+
+    # ---- the run
+
+    def updateApplyButton(self):
+        """Say on the button what it does, or why it does nothing."""
+        button = self.ui.applyButton
+        if self.run is not None:
+            button.text, button.enabled = _("Cancel"), True
+            button.toolTip = _("Stop; the scene stays as it was")
+            return
+        missing = "no scene"
+        if self._parameterNode is not None:
+            request = self.logic.request(self._parameterNode)
+            missing = request.missing(self._parameterNode.useTransforms)
+        button.text = _("Apply: {missing}").format(missing=missing) if missing else _("Apply")
+        button.toolTip = missing or _("Compute the stiffness map")
+        button.enabled = not missing
+
+    def onApplyButton(self, checked=False):
+        if self.run is not None:
+            self.cancelRun()
+            self._status(_("Cancelled; the scene is as it was."))
+            return
+        with slicer.util.tryWithErrorDisplay(_("The map could not be computed."), waitCursor=True):
+            if not self._parameterNode.useTransforms:
+                self.logic.ensurePackages(self.resourcePath("requirements.txt"))
+            self.run = self.logic.start(self.logic.request(self._parameterNode))
+            self.ui.progressBar.visible = True
+            self.ui.progressBar.value = 0
+            self._status(_("Starting"))
+            self.timer.start()
+        self.updateApplyButton()
+
+    def onTimer(self):
+        """Look how the run is getting on."""
+        if self.run is None:
+            self.timer.stop()
+            return
+        from elastoidentify.background import State
+
+        if self._poll() is State.RUNNING:
+            self.ui.progressBar.value = round(100 * self.run.fraction)
+            self._status(self.run.text)
+            return
+        run, self.run = self.run, None
+        self._endRun()
+        with slicer.util.tryWithErrorDisplay(_("The map could not be computed.")):
+            try:
+                self._finish(run)
+            except Exception as problem:
+                self._status(str(problem))
+                raise
+
+    def _poll(self):
+        from elastoidentify.background import State
+
+        try:
+            return self.run.poll()
+        except Exception as problem:
+            self.run.cancel()
+            self.run.failure = problem
+            return State.FAILED
+
+    def _finish(self, run):
+        failure = getattr(run, "failure", None)
+        if failure is not None:
+            raise failure
+        parameters = self._parameterNode or self.logic.getParameterNode()
+        result = self.logic.finish(
+            run,
+            name=parameters.resultName,
+            show=parameters.show,
+            replace=parameters.resultModel if parameters.replacePrevious else None,
+        )
+        parameters.resultModel = result.model
+        self.logic.showResult(result, run.request)
+        self._status(self.logic.report(result))
+
+    def cancelRun(self):
+        """Stop a run that is under way, without a word."""
+        if self.run is not None:
+            self.run.cancel()
+            self.run = None
+            self._endRun()
+
+    def _endRun(self):
+        self.timer.stop()
+        self.ui.progressBar.visible = False
+        self.updateApplyButton()
+
+    def _status(self, text):
+        self.ui.statusLabel.text = text
+
+
+def _segmentEvents():
+    segmentation = slicer.vtkSegmentation
+    return (segmentation.SegmentAdded, segmentation.SegmentRemoved, segmentation.SegmentModified)
+
+
+def _number(text, otherwise):
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return otherwise
+
+
+class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
+    """MRML nodes in, MRML nodes out; the work is the library's."""
+
+    def getParameterNode(self):
+        return ElastoIdentifyParameterNode(super().getParameterNode())
+
+    @staticmethod
+    def request(parameterNode):
+        """Return what the parameter node asks for."""
+        from ElastoIdentifyLib.request import Request, materials_from_text
+
+        options = {
+            "method": parameterNode.method,
+            "kinematics": parameterNode.kinematics,
+            "plane": parameterNode.plane,
+            "unknowns": parameterNode.unknowns,
+            "grouping": parameterNode.grouping,
+        }
+        if parameterNode.unknowns == "young":
+            options["poisson_ratio"] = parameterNode.poissonRatio
+        if parameterNode.noise > 0:
+            options["noise"] = parameterNode.noise
+        useTransforms = parameterNode.useTransforms
+        return Request(
+            restVolume=parameterNode.restVolume,
+            segmentation=parameterNode.segmentation,
+            materials=materials_from_text(parameterNode.materials),
+            pushedVolumes=[] if useTransforms else _present(parameterNode.pushedVolumes),
+            transforms=_present(parameterNode.transforms) if useTransforms else [],
+            transformsToRest=parameterNode.transformsToRest,
+            edgeLength=parameterNode.edgeLength,
+            wholeVolume=parameterNode.wholeVolume,
+            sliceAxis="ijk".index(parameterNode.sliceAxis),
+            sliceIndex=parameterNode.sliceIndex,
+            options=options,
+            unit=parameterNode.unit,
+        )
+
+    @staticmethod
+    def start(request):
+        """Start a run in the background and return it: poll it, cancel it, finish it."""
+        from ElastoIdentifyLib.run import Run
+
+        return Run(request)
+
+    @staticmethod
+    def finish(run, name="Stiffness", show="Mu", replace=None):
+        """Put the outcome of a run into the scene; returns ElastoIdentifyLib.outputs.Result."""
+        from ElastoIdentifyLib.outputs import make_result, remove_result
+
+        outcome = run.outcome()
+        if replace is not None:
+            remove_result(replace)
+        for warning in outcome.warnings:
+            logging.warning(warning)
+        return make_result(outcome, run.request, name, show)
+
+    def process(self, progress=None, name="Stiffness", show="Mu", **request):
+        """Compute a map and wait for it; for scripts.
+
+        Parameters
+        ----------
+        progress : callable(fraction, text), optional
+            May raise to cancel; the scene is then as it was.
+        name, show : str
+            Name of the result; cell array to show.
+        **request
+            Fields of ElastoIdentifyLib.request.Request: restVolume, pushedVolumes, segmentation,
+            materials, edgeLength, …
+
+        Returns
+        -------
+        ElastoIdentifyLib.outputs.Result
+            model, transforms, table, chart, folder, …
+        """
+        from elastoidentify.background import State
+        from ElastoIdentifyLib.request import Request
+
+        run = self.start(Request(**request))
+        try:
+            while run.poll() is State.RUNNING:
+                if progress:
+                    progress(run.fraction, run.text)
+                slicer.app.processEvents()
+                time.sleep(0.05)
+        except BaseException:
+            run.cancel()
+            raise
+        return self.finish(run, name, show)
+
+    @staticmethod
+    def ensurePackages(requirements):
+        """Install what the registration needs, once, after asking."""
+        try:
+            importlib.metadata.version("itk-elastix")
+            return
+        except importlib.metadata.PackageNotFoundError:
+            pass
+        try:
+            from slicer.packaging import load_requirements, pip_ensure
+        except ImportError:  # before Slicer 5.12
+            with open(requirements) as lines:
+                wanted = [line.strip() for line in lines if line.strip() and line[0] != "#"]
+            question = "The registration needs the Python package {names}. Install it now?"
+            if not slicer.util.confirmOkCancelDisplay(_(question).format(names=", ".join(wanted))):
+                raise RuntimeError(
+                    _("Without {names} images cannot be registered.").format(
+                        names=", ".join(wanted)
+                    )
+                ) from None
+            slicer.util.pip_install(wanted)
+        else:
+            pip_ensure(load_requirements(requirements), requester="ElastoIdentify")
+
+    @staticmethod
+    def sliceOfView(volume, sliceNode):
+        """Return (axis, index) of the volume's slice that a slice view shows best."""
+        from ElastoIdentifyLib.images import ijk_to_world
+
+        matrix = ijk_to_world(volume)
+        toWorld = slicer.util.arrayFromVTKMatrix(sliceNode.GetSliceToRAS())
+        across = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+        axis = int(np.abs(across.T @ toWorld[:3, 2]).argmax())
+        index = np.linalg.solve(matrix, toWorld[:, 3])[axis]
+        size = volume.GetImageData().GetDimensions()[axis]
+        return axis, int(np.clip(round(index), 0, size - 1))
+
+    @staticmethod
+    def report(result):
+        """Say in a few sentences what was found, and how far to trust it."""
+        import json
+
+        text = result.model.GetMesh().GetFieldData().GetAbstractArray("IdentificationReport")
+        report = json.loads(text.GetValue(0))
+        status = slicer.util.arrayFromModelCellData(result.model, "Status")
+        sentences = [
+            _(
+                "{found} of {cells} cells identified, {open} not determined (method {method})."
+            ).format(
+                found=int((status == 2).sum()),
+                cells=int((status != 1).sum()),
+                open=int((status == 0).sum()),
+                method=report.get("method", "?"),
+            )
+        ]
+        return " ".join(sentences + report.get("warnings", []))
+
+    @staticmethod
+    def showResult(result, request):
+        """Show the rest volume under the map in the slice views, and the table and the chart."""
+        layoutManager = slicer.app.layoutManager() if hasattr(slicer.app, "layoutManager") else None
+        if layoutManager is None:  # no main window
+            return
+        slicer.util.setSliceViewerLayers(background=request.restVolume, fit=True)
+        layoutManager.setLayout(slicer.vtkMRMLLayoutNode.SlicerLayoutFourUpPlotTableView)
+        selection = slicer.app.applicationLogic().GetSelectionNode()
+        selection.SetActiveTableID(result.table.GetID())
+        selection.SetActivePlotChartID(result.chart.GetID())
+        slicer.app.applicationLogic().PropagateTableSelection()
+        slicer.app.applicationLogic().PropagatePlotChartSelection()
+        slicer.util.resetThreeDViews()
+
+
+def _present(nodes):
+    """Leave out nodes that are no longer in the scene."""
+    return [node for node in nodes if node is not None]
+
+
+class ElastoIdentifyTest(ScriptedLoadableModuleTest):
+    """Tests with numbers in them; need no registration package, so they run everywhere."""
+
+    def setUp(self):
+        slicer.mrmlScene.Clear()
+
+    def runTest(self):
+        for name in sorted(dir(self)):
+            if name.startswith("test_"):
+                self.setUp()
+                self.delayDisplay(name)
+                getattr(self, name)()
+
+    def test_aPushIsIdentifiedFromTransforms(self):
+        """A block under its exact displacements: E of every identified cell to 0.1 %."""
+        from ElastoIdentifyLib.sample import add_exact_push
+
+        inputs, young = add_exact_push()
+        result = ElastoIdentifyLogic().process(**inputs)
+        label, status, found = (
+            slicer.util.arrayFromModelCellData(result.model, name)
+            for name in ("Label", "Status", "YoungModulus")
+        )
+        truth = np.array([young[value] for value in label])
+        self.assertGreater((status == 2).mean(), 0.5)
+        self.assertLess(np.abs(found / truth - 1)[status > 0].max(), 1e-3)
+        self.assertTrue(np.isnan(found[status == 0]).all())
+        self.assertEqual(result.table.GetNumberOfRows(), 2)
+
+    def test_missingInputsAreNamed(self):
+        """What is missing is said, in the order of the panel."""
+        from ElastoIdentifyLib.request import Request
+
+        self.assertEqual(Request().missing(), "choose a rest volume")
+        logic = ElastoIdentifyLogic()
+        self.assertRaises(ValueError, logic.process)

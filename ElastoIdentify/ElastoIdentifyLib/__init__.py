@@ -1,0 +1,7 @@
+"""Between Slicer's MRML nodes and the arrays of elastoidentify.
+
+`images`   volumes, segmentations and transforms → arrays, in world RAS
+`outputs`  arrays → model, transforms, table, plot, in one subject hierarchy folder
+`request`  what the user asked for, and what is missing
+`sample`   the phantom of Sample Data
+"""

@@ -1,0 +1,155 @@
+"""From volumes, segmentations and transforms to arrays, in Slicer's world: RAS, mm.
+
+Everything is taken to the world at once, parent transforms included, so that nothing after this
+border needs to know of them. RAS instead of LPS makes no difference to the library: an image
+carries its axes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import slicer
+import vtk
+from elastoidentify.errors import InputError
+from elastoidentify.filters.convert import slice_of_image
+from elastoidentify.imaging.image import Image
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+
+def image_from_volume(volume) -> Image:
+    """Return a scalar volume as an image in the world; the voxels are copied.
+
+    Raises
+    ------
+    InputError
+        No voxels, several values per voxel, or a parent transform that is not linear.
+    """
+    name = volume.GetName()
+    data = volume.GetImageData()
+    if data is None or data.GetNumberOfPoints() == 0:
+        raise InputError(f"the volume {name!r} holds no voxels: load it again, or choose another")
+    if data.GetNumberOfScalarComponents() != 1:
+        raise InputError(f"the volume {name!r} is in colour: convert it to a scalar volume first")
+    array = slicer.util.arrayFromVolume(volume).copy()
+    return _placed(array, ijk_to_world(volume))
+
+
+def ijk_to_world(volume) -> np.ndarray:
+    """Return the 4×4 matrix from voxel indices to world RAS, parent transforms included."""
+    matrix = vtk.vtkMatrix4x4()
+    volume.GetIJKToRASMatrix(matrix)
+    parent = volume.GetParentTransformNode()
+    if parent is not None:
+        if not parent.IsTransformToWorldLinear():
+            raise InputError(
+                f"the volume {volume.GetName()!r} is under the transform {parent.GetName()!r}, "
+                "which is not linear: harden it in the Transforms module first"
+            )
+        to_world = vtk.vtkMatrix4x4()
+        parent.GetMatrixTransformToWorld(to_world)
+        vtk.vtkMatrix4x4.Multiply4x4(to_world, matrix, matrix)
+    return slicer.util.arrayFromVTKMatrix(matrix)
+
+
+def _placed(array: np.ndarray, matrix: np.ndarray) -> Image:
+    spacing = np.linalg.norm(matrix[:3, :3], axis=0)
+    return Image(array, matrix[:3, 3], spacing, matrix[:3, :3] / spacing)
+
+
+def segmentation_image(segmentation, segment_ids: Sequence[str], reference) -> Image:
+    """Return the segments as labels 1, 2, … on the voxels of the reference volume.
+
+    The scene is left as it was. Where segments overlap, the later one wins.
+    """
+    ids = vtk.vtkStringArray()
+    for segment_id in segment_ids:
+        ids.InsertNextValue(segment_id)
+    labelmap = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLabelMapVolumeNode", "__temp__")
+    try:
+        logic = slicer.modules.segmentations.logic()
+        if not logic.ExportSegmentsToLabelmapNode(segmentation, ids, labelmap, reference):
+            raise InputError(
+                f"the segmentation {segmentation.GetName()!r} could not be written on the voxels "
+                f"of {reference.GetName()!r}: check that it was drawn on that volume"
+            )
+        array = slicer.util.arrayFromVolume(labelmap).copy()
+    finally:
+        display = labelmap.GetDisplayNode()
+        if display is not None and display.GetColorNode() is not None:
+            slicer.mrmlScene.RemoveNode(display.GetColorNode())
+        slicer.mrmlScene.RemoveNode(labelmap)
+    expected = slicer.util.arrayFromVolume(reference).shape
+    if array.shape != expected:
+        raise InputError(
+            f"the segmentation {segmentation.GetName()!r} does not fit on the voxels of "
+            f"{reference.GetName()!r}: {array.shape[::-1]} instead of {expected[::-1]}"
+        )
+    return _placed(array.astype(np.int32), ijk_to_world(reference))
+
+
+def take_slice(image: Image, axis: int, index: int) -> Image:
+    """Return one slice across axis 0, 1 or 2 (i, j, k); an image of one slice as it is."""
+    return image if image.planar_axis is not None else slice_of_image(image, axis, index)
+
+
+def same_slice(rest: Image, image: Image, axis: int, index: int, name: str) -> Image:
+    """Return the slice of a pushed image that lies where the slice of the rest image does."""
+    if rest.planar_axis is not None or image.planar_axis is not None:
+        return image
+    from elastoidentify.imaging.registration import on_grid_of
+
+    return slice_of_image(on_grid_of(rest, image, name), axis, index)
+
+
+def nodal_displacements(transforms: Sequence, points: np.ndarray, to_rest: bool) -> np.ndarray:
+    """Evaluate one transform per trial at the mesh nodes.
+
+    Parameters
+    ----------
+    transforms : sequence of vtkMRMLTransformNode
+    points : (n, 3) world RAS
+    to_rest : bool
+        False: a transform takes points at rest to where they are when pushed. True: the other way
+        round, as registrations store it whose fixed image is the rest image.
+
+    Returns
+    -------
+    (t, n, 3) displacements rest → pushed
+    """
+    places = vtk.vtkPoints()
+    places.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
+    fields = []
+    for node in transforms:
+        transform = vtk.vtkGeneralTransform()
+        (node.GetTransformFromWorld if to_rest else node.GetTransformToWorld)(transform)
+        moved = vtk.vtkPoints()
+        moved.SetDataTypeToDouble()
+        transform.TransformPoints(places, moved)
+        fields.append(vtk_to_numpy(moved.GetData()) - points)
+    return np.array(fields)
+
+
+def outside_grids(transforms: Sequence, points: np.ndarray) -> list[str]:
+    """Say for which grid transforms mesh nodes lie outside of the grid, where they mean nothing."""
+    sentences = []
+    for node in transforms:
+        grid = node.GetTransformToParent()
+        grid = grid if grid is not None and grid.IsA("vtkGridTransform") else None
+        grid = grid or node.GetTransformFromParent()
+        if grid is None or not grid.IsA("vtkGridTransform") or grid.GetDisplacementGrid() is None:
+            continue
+        data = grid.GetDisplacementGrid()
+        direction = np.eye(3)
+        if grid.IsA("vtkOrientedGridTransform") and grid.GetGridDirectionMatrix() is not None:
+            direction = slicer.util.arrayFromVTKMatrix(grid.GetGridDirectionMatrix())[:3, :3]
+        index = (points - data.GetOrigin()) @ direction / data.GetSpacing()
+        size = np.array(data.GetDimensions())
+        wide = size > 1
+        outside = ((index < -0.5) | (index > size - 0.5))[:, wide].any(axis=1)
+        if outside.any():
+            sentences.append(
+                f"{100 * outside.mean():.0f} % of the mesh nodes lie outside the grid of the "
+                f"transform {node.GetName()!r}: their displacement means nothing. Use a transform "
+                "that covers the segmentation."
+            )
+    return sentences

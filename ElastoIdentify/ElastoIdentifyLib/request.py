@@ -1,0 +1,215 @@
+"""What the user asked for, what is missing in it, and the job that follows."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import slicer
+import vtk
+from elastoidentify.errors import InputError
+from elastoidentify.pipeline import Job
+
+from . import images
+
+KNOWN, UNKNOWN, RIGID, LEFT_OUT = "known", "unknown", "rigid", "left out"
+ROLES = (UNKNOWN, KNOWN, RIGID, LEFT_OUT)
+
+
+@dataclass
+class Material:
+    """What is said of one segment.
+
+    Parameters
+    ----------
+    role : str
+        One of :data:`ROLES`.
+    young : float
+        Young's modulus of a known segment; its unit is that of the map.
+    poisson : float
+        Poisson's ratio of a known segment.
+    """
+
+    role: str = UNKNOWN
+    young: float = 5.0
+    poisson: float = 0.45
+
+
+def materials_to_text(materials: dict[str, Material]) -> str:
+    """Write materials by segment id as text for a parameter node."""
+    return json.dumps({segment: vars(material) for segment, material in materials.items()})
+
+
+def materials_from_text(text: str) -> dict[str, Material]:
+    """Read what :func:`materials_to_text` wrote."""
+    return {segment: Material(**values) for segment, values in json.loads(text or "{}").items()}
+
+
+def segment_names(segmentation) -> dict[str, str]:
+    """Return {segment id: name}, in the order of the segmentation."""
+    if segmentation is None:
+        return {}
+    segments = segmentation.GetSegmentation()
+    ids = [segments.GetNthSegmentID(n) for n in range(segments.GetNumberOfSegments())]
+    return {segment_id: segments.GetSegment(segment_id).GetName() for segment_id in ids}
+
+
+MATERIAL_TAG = "ElastoIdentify.Material"
+
+
+def tag_segment(segmentation, segment_id: str, material: Material) -> None:
+    """Write a material into the segmentation itself, as what the panel suggests for the segment."""
+    segment = segmentation.GetSegmentation().GetSegment(segment_id)
+    segment.SetTag(MATERIAL_TAG, json.dumps(vars(material)))
+
+
+def suggested_material(segmentation, segment_id: str) -> Material:
+    """Return what :func:`tag_segment` wrote; an unknown material where it wrote nothing."""
+    text = vtk.reference("")
+    segment = segmentation.GetSegmentation().GetSegment(segment_id)
+    if segment is not None and segment.GetTag(MATERIAL_TAG, text):
+        return Material(**json.loads(str(text)))
+    return Material()
+
+
+@dataclass
+class Request:
+    """Nodes and choices of one run, as the panel or a script gives them.
+
+    Parameters
+    ----------
+    restVolume : vtkMRMLScalarVolumeNode
+    segmentation : vtkMRMLSegmentationNode
+    materials : {segment id or name: Material}
+        Segments that are not named have the material of their tag; without one, unknown.
+    pushedVolumes : sequence of vtkMRMLScalarVolumeNode
+        One per trial.
+    transforms : sequence of vtkMRMLTransformNode
+        One per trial; given, they are used instead of a registration of the pushed volumes.
+    transformsToRest : bool
+        The transforms take pushed points to where they were at rest (as a registration does whose
+        fixed image is the rest image), instead of the other way round.
+    edgeLength : float
+        Of the mesh's cells, mm.
+    wholeVolume : bool
+        Mesh the volume with tetrahedra; False: one slice with triangles.
+    sliceAxis, sliceIndex : int
+        The slice: axis 0, 1, 2 for i, j, k; a negative index is the middle one. Volumes of one
+        slice need no choice.
+    options : dict
+        Keywords of :func:`elastoidentify.identify`: method, kinematics, unknowns, …
+    unit : str
+        Of Young's modulus, for display.
+    """
+
+    restVolume: object = None
+    segmentation: object = None
+    materials: dict[str, Material] = field(default_factory=dict)
+    pushedVolumes: Sequence = ()
+    transforms: Sequence = ()
+    transformsToRest: bool = False
+    edgeLength: float = 5.0
+    wholeVolume: bool = False
+    sliceAxis: int = 2
+    sliceIndex: int = -1
+    options: dict = field(default_factory=dict)
+    unit: str = "kPa"
+
+    def material(self, segment_id: str, name: str) -> Material:
+        """Return what is said of a segment, by its id or its name."""
+        given = self.materials.get(segment_id) or self.materials.get(name)
+        return given or suggested_material(self.segmentation, segment_id)
+
+    def segments(self) -> dict[str, tuple[int, str, Material]]:
+        """Return {segment id: (label, name, material)} of the segments that are not left out."""
+        table = {}
+        for segment_id, name in segment_names(self.segmentation).items():
+            material = self.material(segment_id, name)
+            if material.role != LEFT_OUT:
+                table[segment_id] = (len(table) + 1, name, material)
+        return table
+
+    def missing(self, use_transforms: bool | None = None) -> str:
+        """Say in a few words what is missing before work can start; empty when nothing is."""
+        if use_transforms is None:
+            use_transforms = bool(self.transforms)
+        if self.restVolume is None:
+            return "choose a rest volume"
+        if use_transforms and not self.transforms:
+            return "choose a transform per trial"
+        if not use_transforms and not self.pushedVolumes:
+            return "choose pushed volumes"
+        if not use_transforms and self.restVolume in self.pushedVolumes:
+            return "the rest volume is also chosen as pushed"
+        if self.segmentation is None:
+            return "choose a segmentation"
+        segments = self.segments().values()
+        if not segments:
+            return "the segmentation has no segment to use"
+        known = [(name, material) for _, name, material in segments if material.role == KNOWN]
+        if not known:
+            return "say which segment is known"
+        if not any(material.role == UNKNOWN for _, _, material in segments):
+            return "no segment is unknown"
+        for name, material in known:
+            if not material.young > 0:
+                return f"Young's modulus of {name} must be positive"
+            if not -1 < material.poisson < 0.5:
+                return f"Poisson's ratio of {name} must be between -1 and 0.5"
+        if not self.edgeLength > 0:
+            return "the edge length must be positive"
+        return ""
+
+    def job(self) -> Job:
+        """Return the job for the library, in world RAS.
+
+        Raises
+        ------
+        InputError
+            Something is missing, or a node cannot be used.
+        """
+        lack = self.missing()
+        if lack:
+            raise InputError(f"{lack[0].upper()}{lack[1:]}.")
+        segments = self.segments()
+        labels = images.segmentation_image(self.segmentation, list(segments), self.restVolume)
+        rest = images.image_from_volume(self.restVolume)
+        pushed = []
+        if not self.transforms:
+            pushed = [images.image_from_volume(volume) for volume in self.pushedVolumes]
+        if not self.wholeVolume and rest.planar_axis is None:
+            axis = self.sliceAxis
+            index = self.sliceIndex if self.sliceIndex >= 0 else rest.size[axis] // 2
+            names = [volume.GetName() for volume in self.pushedVolumes]
+            pushed = [
+                images.same_slice(rest, image, axis, index, name)
+                for image, name in zip(pushed, names, strict=False)
+            ]
+            rest, labels = (images.take_slice(image, axis, index) for image in (rest, labels))
+        present = set(np.unique(labels.array).tolist())
+        for label, name, material in segments.values():
+            if label not in present and material.role == KNOWN:
+                raise InputError(f"the known segment {name!r} is not in this slice: choose another")
+        return Job(
+            segmentation=labels,
+            edge_length=self.edgeLength,
+            known={
+                label: (material.young, material.poisson)
+                for label, _, material in segments.values()
+                if material.role == KNOWN
+            },
+            rest=rest,
+            pushed=pushed,
+            rigid_labels=[
+                label
+                for label, _, material in segments.values()
+                if material.role == RIGID and label in present
+            ],
+            options=dict(self.options),
+        )
+
+
+def first_of_class(name: str):
+    """Return the first node of a class that the user can see, or None."""
+    nodes = slicer.util.getNodesByClass(name)
+    return next((node for node in nodes if not node.GetHideFromEditors()), None)

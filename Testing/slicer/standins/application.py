@@ -1,0 +1,141 @@
+"""The application object, the scene and the module logics, without Qt."""
+
+import os
+import sys
+import tempfile
+import types
+from pathlib import Path
+
+import slicer
+import slicer.util
+import vtk
+
+
+class Application:
+    """What module logic may ask of `slicer.app`; anything else raises AttributeError."""
+
+    majorVersion, minorVersion = 5, 13
+
+    def __init__(self, logic):
+        self._logic = logic
+        self.startup = []
+
+    def applicationLogic(self):
+        return self._logic
+
+    def coreIOManager(self):
+        return self.files
+
+    def testingEnabled(self):
+        return True
+
+    def processEvents(self, *_):
+        pass
+
+    def translate(self, context, text):
+        return text
+
+    def connect(self, signal, slot):
+        self.startup.append((signal, slot))
+
+    def setOverrideCursor(self, *_):
+        pass
+
+    def restoreOverrideCursor(self):
+        pass
+
+
+STORAGE = {
+    ".seg.nrrd": ("vtkMRMLSegmentationStorageNode", "vtkMRMLSegmentationNode"),
+    ".vtk": ("vtkMRMLModelStorageNode", "vtkMRMLModelNode"),
+    ".vtu": ("vtkMRMLModelStorageNode", "vtkMRMLModelNode"),
+    ".h5": ("vtkMRMLTransformStorageNode", "vtkMRMLTransformNode"),
+    ".tsv": ("vtkMRMLTableStorageNode", "vtkMRMLTableNode"),
+}
+
+
+class FileManager:
+    """Enough of the application's file manager for `slicer.util.loadSegmentation` and the like."""
+
+    def fileType(self, path):
+        return next((key for key in STORAGE if path.lower().endswith(key)), "volume")
+
+    def fileWriterFileType(self, node, format=None):
+        return node.GetClassName()
+
+    def loadNodes(self, file_type, properties, collection=None, messages=None):
+        path = properties["fileName"]
+        name = properties.get("name") or Path(path).name.split(".")[0]
+        if not os.path.isfile(path):
+            return False
+        suffix = self.fileType(path)
+        if suffix == "volume":
+            labels = 1 if properties.get("labelmap") else 0
+            node = slicer.modules.volumes.logic().AddArchetypeVolume(path, name, labels)
+        else:
+            storage_class, node_class = STORAGE[suffix]
+            node = slicer.mrmlScene.AddNewNodeByClass(node_class, name)
+            storage = slicer.mrmlScene.AddNewNodeByClass(storage_class)
+            storage.SetFileName(path)
+            if not storage.ReadData(node):
+                return False
+            node.SetAndObserveStorageNodeID(storage.GetID())
+            node.CreateDefaultDisplayNodes()
+        if collection is not None:
+            collection.AddItem(node)
+        return node is not None
+
+    def saveNodes(self, file_type, properties, messages=None):
+        node = slicer.mrmlScene.GetNodeByID(properties["nodeID"])
+        node.AddDefaultStorageNode()
+        node.GetStorageNode().SetFileName(properties["fileName"])
+        return bool(node.GetStorageNode().WriteData(node))
+
+
+LOGICS = {
+    "colors": ("vtkSlicerColorLogic", "Colors"),  # registers the colour legend's node
+    "terminologies": ("vtkSlicerTerminologiesModuleLogic", "Terminologies"),
+    "segmentations": ("vtkSlicerSegmentationsModuleLogic", "Segmentations"),
+    "subjecthierarchy": ("vtkSlicerSubjectHierarchyModuleLogic", "SubjectHierarchy"),
+    "volumes": ("vtkSlicerVolumesLogic", "Volumes"),
+    "models": ("vtkSlicerModelsLogic", "Models"),
+    "transforms": ("vtkSlicerTransformLogic", "Transforms"),
+    "tables": ("vtkSlicerTablesLogic", "Tables"),
+    "plots": ("vtkSlicerPlotsLogic", "Plots"),
+}
+
+
+def start():
+    """Make `slicer.mrmlScene`, `slicer.app` and `slicer.modules`; returns the scene."""
+    scene = slicer.vtkMRMLScene()
+    logic = slicer.vtkSlicerApplicationLogic()
+    logic.SetMRMLScene(scene)
+    logic.GetColorLogic().SetMRMLScene(scene)
+    logic.GetColorLogic().AddDefaultColorNodes()
+    logic.SetSliceLogics(vtk.vtkCollection())
+    logic.SetViewLogics(vtk.vtkCollection())
+    slicer.mrmlScene = scene
+    slicer.app = Application(logic)
+    slicer.app.files = FileManager()
+
+    slicer.modules = types.ModuleType("slicer.modules")
+    sys.modules["slicer.modules"] = slicer.modules
+    for name, (class_name, logic_name) in LOGICS.items():
+        module_logic = getattr(slicer, class_name)()
+        module_logic.SetMRMLScene(scene)
+        module_logic.SetMRMLApplicationLogic(logic)
+        logic.SetModuleLogic(logic_name, module_logic)
+        setattr(slicer.modules, name, types.SimpleNamespace(logic=lambda it=module_logic: it))
+
+    # Scenes are packed and unpacked (.mrb) through the data manager.
+    remote = slicer.vtkMRMLRemoteIOLogic()
+    remote.SetMRMLScene(scene)
+    remote.SetMRMLApplicationLogic(logic)
+    remote.GetCacheManager().SetRemoteCacheDirectory(tempfile.mkdtemp(prefix="slicer-cache-"))
+    manager = slicer.vtkDataIOManagerLogic()
+    manager.SetMRMLScene(scene)
+    manager.SetMRMLApplicationLogic(logic)
+    manager.SetAndObserveDataIOManager(remote.GetDataIOManager())
+    remote.AddDataIOToScene()
+    slicer.app.keep = (remote, manager)
+    return scene
