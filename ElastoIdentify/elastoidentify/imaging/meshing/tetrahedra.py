@@ -1,6 +1,6 @@
 """Conforming tetrahedra from a lattice that is pulled onto the borders between labels.
 
-The smallest block of voxels with all labels in it is filled with a body-centred cubic lattice, whose
+The smallest block that holds all labels is filled with a body-centred cubic lattice, whose
 tetrahedra have dihedral angles of 45° to 90°. Where labels have flat borders across an axis, it has
 flat layers. Each tetrahedron takes the label that is strongest at its centre; nodes between
 tetrahedra of different labels are then moved onto the smoothed border between these labels, as far

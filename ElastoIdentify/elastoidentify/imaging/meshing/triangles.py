@@ -14,7 +14,7 @@ from ...progress import Progress, part, silent
 from .interfaces import Network, build_network
 from .quality import triangle_angles, triangle_areas
 
-RELAXATIONS = 10
+RELAXATIONS = 5
 REFINEMENTS = 40  # rounds; usually a handful are needed
 GOOD_ANGLE = 26.0  # degrees; triangles below it are refined
 SHORTEST = 0.2  # segments are split down to this share of the edge length
@@ -206,16 +206,16 @@ def apart(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
 
 def relax(fixed: np.ndarray, inner: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return the inner points moved to the middle of their neighbours."""
+    """Return the inner points moved twice to the middle of their neighbours."""
     points = np.vstack([fixed, inner, frame])
     first, second = unique_edges(Delaunay(points).simplices).T
-    total = np.zeros_like(points)
-    for axis in range(2):
-        total[:, axis] = np.bincount(first, points[second, axis], len(points))
-        total[:, axis] += np.bincount(second, points[first, axis], len(points))
-    count = np.bincount(np.r_[first, second], minlength=len(points))
-    mean = total / np.maximum(count, 1)[:, None]
-    return mean[len(fixed) : len(fixed) + len(inner)]
+    ends, starts = np.r_[first, second], np.r_[second, first]
+    total = sparse.csr_matrix((np.ones(len(ends)), (ends, starts)), shape=(len(points),) * 2)
+    count = np.bincount(ends, minlength=len(points))[:, None]
+    moving = slice(len(fixed), len(fixed) + len(inner))
+    for _ in range(2):
+        points[moving] = ((total @ points) / np.maximum(count, 1))[moving]
+    return points[moving]
 
 
 def counterclockwise(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
