@@ -7,6 +7,7 @@ same number of voxels, and the smoothness of the deformation is isotropic in the
 """
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -133,11 +134,17 @@ def check_image(image: Image, name: str) -> None:
         )
 
 
-def _extent(image: Image) -> tuple[np.ndarray, np.ndarray]:
-    """World positions of the outer corner of the first voxel and of the last."""
-    size = np.array(image.size)
-    first, last = image.index_to_world(np.array([[-0.5] * 3, size - 0.5]))
-    return first, last
+def _corners(image: Image) -> np.ndarray:
+    """Indices of the eight outer corners of the box that the voxels fill, (8, 3)."""
+    ends = [(-0.5, length - 0.5) for length in image.size]
+    return np.array([[i, j, k] for i in ends[0] for j in ends[1] for k in ends[2]])
+
+
+def _box(image: Image) -> str:
+    """The world box of an image in words."""
+    corners = image.index_to_world(_corners(image))
+    low, high = (np.round(end, 3).tolist() for end in (corners.min(0), corners.max(0)))
+    return f"{low} to {high}"
 
 
 def on_grid_of(rest: Image, image: Image, name: str, order: int = 1) -> Image:
@@ -148,7 +155,7 @@ def on_grid_of(rest: Image, image: Image, name: str, order: int = 1) -> Image:
     Raises
     ------
     InputError
-        The two boxes differ by more than one voxel.
+        A corner of the box is off by more than one voxel of the coarser image.
     """
     planar = [axis for axis in range(3) if rest.size[axis] == 1]
     if (rest.planar_axis is None) != (image.planar_axis is None):
@@ -157,25 +164,16 @@ def on_grid_of(rest: Image, image: Image, name: str, order: int = 1) -> Image:
             f"the rest image is {kinds[0]} and the {name} image {kinds[1]}: take the same slice "
             "out of the volume, or use volumes throughout"
         )
-    corners = (
-        np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
-        * np.array(rest.size)
-        - 0.5
-    )
-    there = image.world_to_index(rest.index_to_world(corners))
-    scale = np.array(image.size) / np.array(rest.size)
-    expected = (corners + 0.5) * scale - 0.5
-    miss = np.abs(there - expected)
-    if (miss > np.maximum(1.0, scale)).any():
-        boxes = [
-            " to ".join(str(np.round(corner, 3).tolist()) for corner in _extent(one))
-            for one in (rest, image)
-        ]
+    near = rest.world_to_index(image.index_to_world(_corners(image)))
+    miss = np.abs(_corners(rest)[:, None] - near).max(2).min(1)
+    coarser = max(1.0, *(np.sort(rest.size) / np.sort(image.size)))
+    if miss.max() > coarser:
+        boxes = [_box(one) for one in (rest, image)]
         raise InputError(
             f"the {name} image covers another part of the world than the rest image: {boxes[1]} "
             f"instead of {boxes[0]}: crop or resample it to the rest image's extent"
         )
-    if image.size == rest.size and miss.max() < 1e-3:
+    if image.size == rest.size and np.abs(_corners(rest) - near).max() < 1e-3:
         return rest.with_array(image.array)
     grid = np.meshgrid(*[np.arange(n) for n in rest.size], indexing="ij")
     index = np.stack([axis.ravel() for axis in grid], 1)
@@ -195,7 +193,10 @@ def _check_mesh(frame: PixelFrame, points: np.ndarray, cells: np.ndarray) -> np.
         raise InputError("the mesh has nodes whose position is not a number")
     dimension = len(frame.kept)
     corners = simplices(cells, dimension)
-    if corners.shape[1] != dimension + 1:
+    fits = corners.shape[1] == dimension + 1
+    if fits and dimension == 3:  # quadrilaterals have four nodes too
+        fits = np.abs(signed_volumes(points, corners)).max() > 1e-9 * np.ptp(points) ** 3
+    if not fits:
         meant = "tetrahedra or hexahedra" if dimension == 3 else "triangles or quadrilaterals"
         raise InputError(
             f"the images are {'volumes' if dimension == 3 else 'slices'} and the mesh's cells have "
@@ -327,6 +328,7 @@ def register(
     mask: Image | None = None,
     reference: str = "rest",
     backward: bool = True,
+    elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
     """Measure the displacement of every mesh node in every trial.
@@ -353,6 +355,8 @@ def register(
         composed, for a series of ever larger pushes.
     backward : bool
         Also register from pushed to rest, which doubles the time and tells the disagreement.
+    elastix : ElastixProcess, optional
+        A worker that is kept warm for several calls; it is left open, unless cancelled.
     progress : callable, optional
 
     Returns
@@ -390,8 +394,9 @@ def register(
             raise InputError("the mask is empty: no voxel of it differs from 0")
 
     work = _Work(frame, frame.array(rest), points, cells, maps, mask_array, outside)
-    with ElastixProcess(part(progress, 0.0, 0.05)) as elastix:
-        figures = work.run(elastix, trials, reference, backward, part(progress, 0.05, 1.0))
+    start = nullcontext(elastix) if elastix else ElastixProcess(part(progress, 0.0, 0.05))
+    with start as worker:
+        figures = work.run(worker, trials, reference, backward, part(progress, 0.05, 1.0))
     progress(1.0, "registration done")
 
     sentences = [_trial_warnings(number, one) for number, one in enumerate(figures, 1)]
