@@ -17,7 +17,7 @@ from .convert import (
     to_json,
     vectors,
 )
-from .options import File, Flag
+from .options import Choice, File, Flag
 
 
 class ElastixNodalDisplacement(Filter):
@@ -43,6 +43,17 @@ class ElastixNodalDisplacement(Filter):
         "elastix parameter file; empty: the one that comes with ElastoIdentify.",
         extensions="txt",
         description="elastix parameter file",
+    )
+    reference = Choice(
+        "rest",
+        "What each pushed image is registered to: the rest image, or the pushed image before it, "
+        "for a series of ever larger pushes.",
+        ("rest", "previous"),
+    )
+    backward = Flag(
+        True,
+        "Also register from pushed to rest: takes twice the time and tells how far the "
+        "displacements can be trusted.",
     )
     time_steps_as_trials = Flag(
         True, "Every time step of a pushed image series is a trial; off: the current one only."
@@ -91,6 +102,8 @@ class ElastixNodalDisplacement(Filter):
             points,
             cells,
             parameters=self.parameter_file or None,
+            reference=self.reference,
+            backward=self.backward,
             progress=progress,
         )
         grid = mesh.NewInstance()
