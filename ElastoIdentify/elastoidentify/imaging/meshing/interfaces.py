@@ -18,6 +18,7 @@ from scipy.sparse.linalg import spsolve
 OUTSIDE = -1  # what lies around the image, told from the background 0
 
 CORNER_ANGLE = 60.0  # degrees; a border that turns more than this within a few voxels has a corner
+SHORTEST_ARM = 3  # voxel edges on either side that a corner needs
 STRAIGHT_ANGLE = 150.0  # degrees; two branches of a junction at least so open are one line
 LARGEST_SHIFT = 0.45  # voxels; below one half, smoothed borders come close but never cross
 CLOSE_ANCHORS = 0.35  # of the edge length; nearer ones become one node
@@ -130,6 +131,7 @@ def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float
 
     A junction of four labels is stored as two junctions of three a voxel apart, and a short edge
     between them would need tiny cells. The end of a thin layer stays: its two sides would meet.
+    Corners stay where they are.
 
     Parameters
     ----------
@@ -145,18 +147,31 @@ def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float
             break
         one, other = network.ends[short]
         joining = (np.sort(network.ends, axis=1) == sorted((one, other))).all(axis=1) & ~merged
-        if one == other or joining.sum() > 1:
-            continue
         here, there = network.curves[short][[0, -1]]
-        if (pinned[one] & pinned[other] & (here != there)).any():
+        opposed = pinned[one] & pinned[other] & (here != there)
+        if (
+            one == other
+            or joining.sum() > 1
+            or opposed.any()
+            or pinned[one].all()
+            or pinned[other].all()
+        ):
             continue
-        place = np.where(pinned[one], here, np.where(pinned[other], there, (here + there) / 2))
         branches = [
             (number, way)
             for number, way in np.argwhere(np.isin(network.ends, (one, other))).tolist()
             if not merged[number] and number != short
         ]
-        if smallest_opening(network, branches, place, edge_length) < OPEN_ANGLE:
+        far = np.array(
+            [far_point(network.curves[n][:: 1 - 2 * w], edge_length) for n, w in branches]
+        )
+        places = [
+            np.where(pinned[one], here, np.where(pinned[other], there, place))
+            for place in ((here + there) / 2, here, there)
+        ]
+        bends = np.array([straightest(far - place) for place in places])
+        place = places[0 if bends[0] < bends.min() + 5 else bends.argmin()]
+        if smallest_opening(far - place) < OPEN_ANGLE:
             continue
         merged[short] = True
         pinned[one] |= pinned[other]
@@ -171,17 +186,27 @@ def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float
     network.sides, network.ends = network.sides[~merged], network.ends[~merged]
 
 
-def smallest_opening(
-    network: Network, branches: list[tuple[int, int]], place: np.ndarray, reach: float
-) -> float:
-    """Return the smallest angle in degrees between branches (curve, end) seen from a place."""
-    bearings = []
-    for number, way in branches:
-        curve = network.curves[number][:: 1 - 2 * way]
-        far = curve[min(np.searchsorted(arc_lengths(curve), reach), len(curve) - 1)] - place
-        bearings.append(np.degrees(np.arctan2(far[1], far[0])))
-    bearings = np.sort(bearings)
-    return float(np.diff(np.r_[bearings, bearings[0] + 360]).min())
+def far_point(curve: np.ndarray, reach: float) -> np.ndarray:
+    """Return the point (2,) of a polyline at the arc length `reach`, or its end."""
+    return curve[min(np.searchsorted(arc_lengths(curve), reach), len(curve) - 1)]
+
+
+def bearings(branches: np.ndarray) -> np.ndarray:
+    """Return the directions of vectors (b, 2) in degrees, in rising order."""
+    return np.sort(np.degrees(np.arctan2(branches[:, 1], branches[:, 0])))
+
+
+def smallest_opening(branches: np.ndarray) -> float:
+    """Return the smallest angle in degrees between neighbours of the vectors (b, 2)."""
+    around = bearings(branches)
+    return float(np.diff(np.r_[around, around[0] + 360]).min())
+
+
+def straightest(branches: np.ndarray) -> float:
+    """Return by how many degrees the straightest pair of the vectors (b, 2) is off a line."""
+    around = bearings(branches)
+    between = np.abs(around[:, None] - around)
+    return float(np.abs(180 - between).min())
 
 
 def label_graph(labels: np.ndarray) -> Graph:
@@ -248,22 +273,27 @@ def trace(graph: Graph) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 def mark_corners(graph: Graph, reach: int) -> None:
-    """Make anchors of the nodes where a border turns sharply, and put them where its arms meet."""
+    """Make anchors of the nodes where a border turns sharply, and put them where its arms meet.
+
+    The arms have `reach` voxel edges, fewer near an anchor and on small closed curves.
+    """
     for path in trace(graph)[0]:
         closed = path[0] == path[-1] and not graph.anchors[path[0]]
-        nodes = path[:-1] if closed else path
-        arm = min(reach, len(nodes) // 8)
-        if arm < 2:
-            continue
-        ring = np.r_[nodes[-arm:], nodes, nodes[:arm]] if closed else nodes
-        points = graph.points[ring]
-        back = points[arm:-arm] - points[: -2 * arm]
-        ahead = points[2 * arm :] - points[arm:-arm]
-        turn = angle_between(back, ahead)
+        if closed:
+            nodes = path[:-1]
+            arm = np.full(len(nodes), min(reach, len(nodes) // 8))
+        else:
+            nodes = path
+            arm = np.minimum(reach, np.minimum(np.arange(len(path)), np.arange(len(path))[::-1]))
+        points = graph.points[nodes]
+        here = np.arange(len(nodes))
+        back = points - points[here - arm]
+        ahead = points[(here + arm) % len(nodes)] - points
+        turn = np.where(arm >= SHORTEST_ARM, angle_between(back, ahead), 0)
         for k in peaks(turn, CORNER_ANGLE, arm, closed):
-            here = ring[k + arm]
-            graph.anchors[here] = graph.corners[here] = True
-            graph.points[here] = meeting_point(points[k : k + 2 * arm + 1], arm)
+            around = np.arange(k - arm[k], k + arm[k] + 1) % len(nodes)
+            graph.anchors[nodes[k]] = graph.corners[nodes[k]] = True
+            graph.points[nodes[k]] = meeting_point(points[around], arm[k])
 
 
 def angle_between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -272,8 +302,8 @@ def angle_between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(np.abs(cross), np.einsum("nd,nd->n", u, v)))
 
 
-def peaks(values: np.ndarray, least: float, distance: int, closed: bool) -> list[int]:
-    """Return the places of the largest values above `least`, at least `distance` apart."""
+def peaks(values: np.ndarray, least: float, distance: np.ndarray, closed: bool) -> list[int]:
+    """Return the places of the largest values of at least `least`, each its `distance` apart."""
     found: list[int] = []
     for k in np.argsort(-values, kind="stable").tolist():
         if values[k] < least:
@@ -281,7 +311,7 @@ def peaks(values: np.ndarray, least: float, distance: int, closed: bool) -> list
         gaps = np.abs(np.array(found, int) - k)
         if closed:
             gaps = np.minimum(gaps, len(values) - gaps)
-        if (gaps >= distance).all():
+        if (gaps >= distance[k]).all():
             found.append(k)
     return found
 

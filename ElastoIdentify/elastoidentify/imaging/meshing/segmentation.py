@@ -90,7 +90,7 @@ def mesh_segmentation(
 
     progress(0.0, "Islands")
     labels, removed = remove_islands(labels, smallest)
-    notes = island_notes(removed, edge_length, segmentation)
+    notes = island_notes(removed, edge_length)
     if segmentation.planar_axis is None:
         points, cells, cell_labels = mesh_tetrahedra(
             labels, segmentation.spacing, edge_length, part(progress, 0.02, 0.95)
@@ -217,16 +217,15 @@ def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return cells
 
 
-def island_notes(removed: dict[int, int], edge_length: float, segmentation: Image) -> list[str]:
+def island_notes(removed: dict[int, int], edge_length: float) -> list[str]:
     """Return a sentence per label from which small regions were taken."""
     notes = []
     for label, count in removed.items():
-        what = "hole" if label == 0 else f"island of label {label}"
-        plural, went = ("s", "were") if count > 1 else ("", "was")
-        what = what.replace("island", f"island{plural}") if label else what + plural
+        plural, were = ("s", "were") if count > 1 else ("", "was")
+        what = f"island{plural} of label {label}" if label else f"hole{plural}"
         notes.append(
-            f"{count} {what} smaller than one cell of edge {edge_length:g} {went} given to the "
-            "label around."
+            f"{count} {what} smaller than one cell of edge {edge_length:g} {were} given to the "
+            "labels around."
         )
     return notes
 
