@@ -217,20 +217,21 @@ def _meshed(arguments, path: str):
     """Return the mesh of a segmentation file."""
     from .filters import SegmentationToTriangleMesh
     from .filters.convert import get_text, image_to_vtk
+    from .filters.direct import apply
 
+    if not arguments.edge_length > 0:
+        raise InputError(f"edge length {arguments.edge_length:g}: give a positive length")
     filter = SegmentationToTriangleMesh(
         edge_length=arguments.edge_length,
         rigid_labels=arguments.rigid,
         reaction_boxes=arguments.reaction_box,
         border_reactions=not arguments.free_border,
     )
-    if not arguments.edge_length > 0:
-        raise InputError(f"edge length {arguments.edge_length:g}: give a positive length")
     if arguments.slice is not None:
         axis, filter.slice_index = arguments.slice
         filter.slice_axis = axis
     with TerminalProgress("mesh") as progress:
-        grid = filter.execute(image_to_vtk(_image(path), "Label"), progress=progress)
+        grid = apply(filter, image_to_vtk(_image(path), "Label"), progress=progress)
     print(f"mesh: {grid.GetNumberOfCells()} cells, {grid.GetNumberOfPoints()} nodes")
     for note in get_text(grid, "MeshNotes").splitlines():
         print(f"note: {note}")
@@ -243,13 +244,14 @@ def _registered(arguments, grid):
 
     from .filters import ElastixNodalDisplacement
     from .filters.convert import get_text, image_to_vtk
+    from .filters.direct import apply
 
     images = [image_to_vtk(_image(path)) for path in (arguments.rest, *arguments.pushed)]
     filter = ElastixNodalDisplacement()
     if arguments.parameters:
         filter.parameter_file = arguments.parameters
     with TerminalProgress("registration") as progress:
-        grid = filter.execute(grid, images[0], images[1:], progress=progress)
+        grid = apply(filter, grid, images[0], images[1:], progress=progress)
     report = json.loads(get_text(grid, "RegistrationReport"))
     for number, trial in enumerate(report["trials"], 1):
         print(
@@ -279,6 +281,7 @@ def _check_known(arguments, grid) -> None:
 def _identified(arguments, grid):
     """Return the mesh with the result arrays."""
     from .filters import LameIdentification
+    from .filters.direct import apply
 
     filter = LameIdentification(
         known_materials=arguments.known,
@@ -292,7 +295,7 @@ def _identified(arguments, grid):
         refine=arguments.refine or 0,
     )
     with TerminalProgress("identification") as progress:
-        return filter.execute(grid, progress=progress)
+        return apply(filter, grid, progress=progress)
 
 
 def _deliver(arguments, grid, rest) -> None:

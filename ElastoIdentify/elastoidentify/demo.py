@@ -99,20 +99,22 @@ def _measure(made, edge_pixels: float):
     """Return the mesh of the segmentation with the displacements that the images show."""
     from .filters import ElastixNodalDisplacement, SegmentationToTriangleMesh
     from .filters.convert import image_to_vtk
+    from .filters.direct import apply
 
     mesher = SegmentationToTriangleMesh(
         edge_length=edge_pixels * made.rest.spacing[0], rigid_labels=made.rigid_labels
     )
     with TerminalProgress("mesh") as progress:
-        grid = mesher.execute(image_to_vtk(made.segmentation, "Label"), progress=progress)
+        grid = apply(mesher, image_to_vtk(made.segmentation, "Label"), progress=progress)
     rest, *pushed = (image_to_vtk(image) for image in (made.rest, *made.pushed))
     with TerminalProgress("registration") as progress:
-        return ElastixNodalDisplacement().execute(grid, rest, pushed, progress=progress)
+        return apply(ElastixNodalDisplacement(), grid, rest, pushed, progress=progress)
 
 
 def _identify(made, grid, grouping: str):
     """Return the mesh with Young's modulus per cell or label, Poisson's ratio given."""
     from .filters import LameIdentification
+    from .filters.direct import apply
 
     pad = made.label("pad")
     material = made.materials[pad]
@@ -125,7 +127,7 @@ def _identify(made, grid, grouping: str):
         kinematics=made.parameters["kinematics"],
     )
     with TerminalProgress(f"identification per {grouping}") as progress:
-        return identification.execute(grid, progress=progress)
+        return apply(identification, grid, progress=progress)
 
 
 def _deliver(folder: Path, made, by_cell, by_label, say) -> dict:

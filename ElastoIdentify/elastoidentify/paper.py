@@ -46,6 +46,8 @@ BLOCKS = (
 )
 """Kinematics of the forward data, and of the identification."""
 
+SHORT = {"small-strain": "small", "st-venant-kirchhoff": "SVK", "neo-hookean": "neo"}
+
 
 @dataclass(frozen=True)
 class Example:
@@ -167,10 +169,14 @@ def table2_text(rows: list[Row]) -> str:
     from .terminal import table
 
     lam, mu = lame_from_young(YOUNG, POISSON)
-    header = ["", *(f"{c}{cell}" for cell in SHOWN for c in "λμ"), "largest error of the 32"]
+    header = ["", *(f"{c}{cell}" for cell in SHOWN for c in "λμ"), "largest error"]
     lines = [["truth", *([f"{lam:.3g}", f"{mu:.3g}"] * 2), ""]]
     text = [
-        "Lamé constants (Pa) of T13 and T14, from two pushes of the top of a 0.2 m square",
+        "Lamé constants (Pa) of T13 and T14, from two pushes (left, down) of the top of a 0.2 m "
+        "square.",
+        "small → neo: data by small strain, identified with neo-Hookean kinematics (SVK: St. Venant–"
+        "Kirchhoff).",
+        "The last column is the largest relative error of the 32 unknowns; -: not determined.",
         "",
     ]
     for row, printed in enumerate(PRINTED):
@@ -180,11 +186,11 @@ def table2_text(rows: list[Row]) -> str:
         for one in rows:
             if one.row != row:
                 continue
-            name = f"  {one.data} data, {one.kinematics} {one.method}"
+            name = f"  {SHORT[one.data]} → {SHORT[one.kinematics]}, {one.method}".rstrip(", ")
             if one.shown is None:
                 lines.append([name, *["-"] * 4, one.note])
                 continue
             shown = ["-" if np.isnan(value) else f"{value:.2e}" for value in one.shown]
-            missing = f" ({one.missing} not determined)" if one.missing else ""
+            missing = f" ({one.missing} not found)" if one.missing else ""
             lines.append([name, *shown, f"{one.error:.1e}{missing}"])
     return "\n".join([*text, table(header, lines)])

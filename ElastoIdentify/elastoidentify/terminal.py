@@ -40,8 +40,6 @@ class TerminalProgress:
             self._write(line + "\n")
 
     def __enter__(self):
-        if not self.rewrite:
-            self._write(f"{self.title} …\n")
         return self
 
     def __exit__(self, kind, error, traceback):

@@ -11,7 +11,6 @@ from .table import FOUND, SYMBOLS
 
 MODULI = "viridis"  # perceptually even colours, readable without colour vision
 UNCERTAINTY = "magma_r"
-OUTLINE = "#e8e8e8"
 NOT_DETERMINED, OUT_OF_RANGE = 0, 3  # Status
 NEAREST_PREFIX = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"))
 
@@ -244,7 +243,7 @@ def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: s
     label = f"{SYMBOLS[quantity]} ({name})" if name else SYMBOLS[quantity]
     beyond = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     extend = beyond[int((finite < low).any()), int((finite > high).any())]
-    figure.colorbar(patches, ax=axes, label=label, shrink=0.9, pad=0.02, extend=extend)
+    _colour_bar(figure, axes, patches, label, extend)
 
 
 def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
@@ -264,12 +263,10 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
         centre = (corners.min(0) + corners.max(0)) / 2
         axes.text(*centre, "given", ha="center", va="center", color="0.35")
     _hatch(axes, drawing, status)
-    _outline(axes, drawing, "0.4")
+    _outline(axes, drawing)
     axes.set_title("uncertainty of μ")
     extend = "max" if (finite > high).any() else "neither"
-    figure.colorbar(
-        patches, ax=axes, label="standard deviation (% of μ)", shrink=0.9, pad=0.02, extend=extend
-    )
+    _colour_bar(figure, axes, patches, "standard deviation (% of μ)", extend)
 
 
 def _polygons(axes, drawing: Drawing, values, colours: str, low: float, high: float):
@@ -301,10 +298,20 @@ def _marks() -> dict[int, dict]:
     }
 
 
-def _outline(axes, drawing: Drawing, colour: str = OUTLINE) -> None:
+def _outline(axes, drawing: Drawing) -> None:
+    """Draw the labels' borders, visible on dark and bright cells."""
     from matplotlib.collections import LineCollection
+    from matplotlib.patheffects import withStroke
 
-    axes.add_collection(LineCollection(drawing.outlines, colors=colour, linewidths=0.8))
+    lines = LineCollection(drawing.outlines, colors="white", linewidths=0.7)
+    lines.set_path_effects([withStroke(linewidth=1.7, foreground="0.25")])
+    axes.add_collection(lines)
+
+
+def _colour_bar(figure, axes, patches, label: str, extend: str) -> None:
+    """Draw a colour bar beside a panel, as high as the panel."""
+    beside = axes.inset_axes([1.02, 0.05, 0.05, 0.9])
+    figure.colorbar(patches, cax=beside, label=label, extend=extend, extendfrac=0.03)
 
 
 def _legend(figure, arrays, drawing: Drawing) -> None:
@@ -337,13 +344,17 @@ def _unit(values: np.ndarray, unit: str) -> tuple[float, str]:
 
 def _scale_bar(axes, window: np.ndarray, length: str, colour: str = "white") -> None:
     """Draw a bar of a round length into the lower left corner."""
+    from matplotlib.patheffects import withStroke
+
     size = window[1] - window[0]
     wanted = 0.25 * size[0]
     power = 10.0 ** np.floor(np.log10(wanted))
     bar = max(step * power for step in (1, 2, 5) if step * power <= wanted)
     x, y = window[0, 0] + 0.05 * size[0], window[1, 1] - 0.035 * size[1]
     axes.plot([x, x + bar], [y, y], color=colour, linewidth=3, solid_capstyle="butt")
-    axes.text(
+    text = axes.text(
         x + bar / 2, y - 0.015 * size[1], f"{bar:g} {length}", color=colour, ha="center",
         va="bottom", fontsize=9,
     )  # fmt: skip
+    if colour == "white":
+        text.set_path_effects([withStroke(linewidth=2, foreground="black")])

@@ -88,10 +88,10 @@ def table_text(rows: list[dict], unit: str = "", names: Mapping[int, str] | None
             str(row["cells"]),
             "given" if row["known"] else f"{100 * row['identified']:.0f} %",
             figure(row["Mu median"]),
-            figure(row["Mu std"]),
-            figure(row["Mu spread"]),
+            "" if row["known"] else figure(row["Mu std"]),
+            "" if row["known"] else figure(row["Mu spread"]),
             figure(row["YoungModulus median"]),
             figure(row["PoissonRatio median"]),
         ]
-        lines.append(line + [figure(row["Mu true"])] * true)
+        lines.append([*line, figure(row["Mu true"])] if true else line)
     return table(header, lines)
