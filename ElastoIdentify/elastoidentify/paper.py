@@ -174,7 +174,7 @@ def table2_text(rows: list[Row]) -> str:
     text = [
         "Lamé constants (Pa) of T13 and T14, from two pushes (left, down) of the top of a 0.2 m "
         "square.",
-        "small → neo: data by small strain, identified with neo-Hookean kinematics (SVK: St. Venant–"
+        "small → neo: small-strain data, identified with neo-Hookean kinematics (SVK: St. Venant–"
         "Kirchhoff).",
         "The last column is the largest relative error of the 32 unknowns; -: not determined.",
         "",
