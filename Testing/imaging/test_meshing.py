@@ -400,6 +400,7 @@ def holed(labels: np.ndarray) -> np.ndarray:
 
 
 BLOCK = layered_block()
+SPECK = np.pad(np.full((3, 3), 2), 12, constant_values=1)  # label 2 is smaller than a cell
 
 
 @pytest.mark.parametrize(
@@ -420,6 +421,7 @@ BLOCK = layered_block()
         (BLOCK, 0.01, {}, "cells: use .* or more"),
         (BLOCK, 8.0, {"rigid_labels": [9]}, "rigid label 9 is not in .* labels 1, 2, 3, 4"),
         (BLOCK, 8.0, {"rigid_labels": [1, 2, 3, 4]}, "all labels are rigid"),
+        (SPECK, 8.0, {"rigid_labels": [1]}, "only rigid labels are large enough"),
         (BLOCK, 8.0, {"reaction_boxes": [(0, 1, 2)]}, "reaction box 1 .* give x0,x1,y0,y1"),
         (BLOCK, 8.0, {"reaction_boxes": [(0, 1, 5, 2)]}, "lower bound must come before"),
         (BLOCK, 8.0, {"reaction_boxes": [(0, 1, 2, 3), (0, np.nan, 2, 3)]}, "reaction box 2"),

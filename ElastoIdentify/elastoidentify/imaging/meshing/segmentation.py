@@ -114,6 +114,10 @@ def mesh_segmentation(
 
     reaction = np.zeros(len(points), bool)
     rigid = np.isin(cell_labels, list(rigid_labels))
+    if rigid.all():
+        raise InputError(
+            f"only rigid labels are large enough for edge length {edge_length:g}: use a smaller one"
+        )
     used, kept = np.unique(cells[~rigid], return_inverse=True)
     for label in rigid_labels:
         shared = np.intersect1d(cells[cell_labels == label], used)
