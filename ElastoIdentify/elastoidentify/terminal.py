@@ -62,14 +62,17 @@ def seconds(duration: float) -> str:
 
 
 def peak_memory() -> int | None:
-    """Return the largest memory (bytes) of this process or a finished child; None on Windows."""
+    """Return the largest memory of this process plus that of its largest finished child, bytes.
+
+    None where the system does not tell (Windows).
+    """
     try:
         import resource
     except ImportError:
         return None
-    kibi = 1 if sys.platform == "darwin" else 1024
+    unit = 1 if sys.platform == "darwin" else 1024
     users = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return kibi * max(resource.getrusage(user).ru_maxrss for user in users)
+    return unit * sum(resource.getrusage(user).ru_maxrss for user in users)
 
 
 def figure(value: float, digits: int = 3) -> str:

@@ -101,7 +101,8 @@ def draw(
     _legend(figure, arrays, drawing)
 
     suffix = Path(path).suffix.lower().lstrip(".")
-    write_whole(Path(path), lambda part: figure.savefig(part, format=suffix))
+    tight = {"bbox_inches": "tight", "pad_inches": 0.08}
+    write_whole(Path(path), lambda part: figure.savefig(part, format=suffix, **tight))
 
 
 # ---- geometry
@@ -232,9 +233,7 @@ def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: s
     values = np.where(np.isin(arrays["Status"], FOUND), arrays[quantity], np.nan)[drawing.cells]
     factor, name = _unit(values, unit)
     finite = values[np.isfinite(values)] * factor
-    low, high = np.percentile(finite, (1, 99)) if finite.size else (0.0, 1.0)
-    if not high > low:
-        low, high = 0.9 * low, 1.1 * high if high else 1.0
+    low, high = 0.0, float(np.percentile(finite, 99)) if finite.size else 1.0
     title = {"Mu": "shear modulus μ", "Lambda": "Lamé constant λ"}[quantity]
     patches = _polygons(axes, drawing, values * factor, MODULI, low, high)
     _hatch(axes, drawing, arrays["Status"])
@@ -275,7 +274,7 @@ def _polygons(axes, drawing: Drawing, values, colours: str, low: float, high: fl
 
     shown = np.flatnonzero(np.isfinite(values))
     patches = PolyCollection([drawing.polygons[i] for i in shown], cmap=colours, edgecolors="face")
-    patches.set(array=values[shown], clim=(low, high), linewidths=0.2)
+    patches.set(array=values[shown], clim=(low, high), linewidths=0.4)  # edges: no seams
     axes.add_collection(patches)
     return patches
 

@@ -170,7 +170,7 @@ class _Block:
     """
 
     def __init__(self, basis, width: float, moduli: Moduli):
-        x, y = basis.global_coordinates().value
+        x, y = np.asarray(basis.global_coordinates())
         young, poisson = moduli(x, y)
         solid = (x > 0) & (x < width)
         self.basis = basis
