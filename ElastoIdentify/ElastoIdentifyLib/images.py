@@ -75,9 +75,10 @@ def segmentation_image(segmentation, segment_ids: Sequence[str], reference) -> I
         array = slicer.util.arrayFromVolume(labelmap).copy()
     finally:
         display = labelmap.GetDisplayNode()
-        if display is not None and display.GetColorNode() is not None:
-            slicer.mrmlScene.RemoveNode(display.GetColorNode())
-        slicer.mrmlScene.RemoveNode(labelmap)
+        colors = display.GetColorNode() if display is not None else None
+        for node in (labelmap, display, colors):  # the export makes all three
+            if node is not None:
+                slicer.mrmlScene.RemoveNode(node)
     expected = slicer.util.arrayFromVolume(reference).shape
     if array.shape != expected:
         raise InputError(

@@ -110,7 +110,8 @@ def _display_model(model, planar: bool) -> None:
     display.SetEdgeVisibility(not planar)
     display.SetBackfaceCulling(False)
     display.SetInterpolation(display.FlatInterpolation)
-    display.SetAmbient(0.5 if planar else 0.2)
+    display.SetAmbient(1.0 if planar else 0.3)  # a plane shows its colours as the legend has them
+    display.SetDiffuse(0.0 if planar else 0.7)
     if planar:
         # A mesh that lies in the slice has no intersection with it.
         display.SetSliceDisplayModeToProjection()
@@ -130,11 +131,9 @@ def show_quantity(model, quantity: str) -> None:
     unit = "" if quantity == "PoissonRatio" else f" ({model.GetAttribute('ElastoIdentify.Unit')})"
     legend = slicer.modules.colors.logic().AddDefaultColorLegendDisplayNode(display)
     legend.SetTitleText(QUANTITIES.get(quantity, quantity) + unit)
-    legend.SetLabelFormat(
-        "%.3g" if slicer.app.majorVersion * 100 + slicer.app.minorVersion < 513 else "{:.3g}"
-    )
+    legend.SetUseColorNamesForLabels(False)
+    legend.SetLabelFormat("%.3g")
     legend.SetVisibility(True)
-    legend.SetPosition(0.96, 0.5)
 
 
 def stiffness_colors():
@@ -151,7 +150,7 @@ def stiffness_colors():
     node.SetTypeToUser()
     node.SetName(name)
     node.SetNumberOfColors(256)
-    for number, (red, green, blue) in enumerate(cube_helix(np.linspace(0.12, 0.95, 256))):
+    for number, (red, green, blue) in enumerate(cube_helix(np.linspace(0.15, 0.85, 256))):
         node.SetColor(number, f"{number}", red, green, blue, 1.0)
     node.GetLookupTable().SetNanColor(*GREY, 1.0)
     node.SetAttribute("Category", "ElastoIdentify")
@@ -159,7 +158,7 @@ def stiffness_colors():
     return node
 
 
-def cube_helix(brightness: np.ndarray, start=1.6, rotations=-1.0, hue=1.1) -> np.ndarray:
+def cube_helix(brightness: np.ndarray, start=0.9, rotations=-0.9, hue=1.4) -> np.ndarray:
     """Return colours (n, 3) of brightness 0…1, Green's eq. 2."""
     angle = 2 * np.pi * (start / 3 + rotations * brightness)
     amplitude = hue * brightness * (1 - brightness) / 2
@@ -245,7 +244,7 @@ def _fill_transform(node, points, displacement, geometry: _Geometry, edge_length
     transform = slicer.vtkOrientedGridTransform()
     transform.SetDisplacementGridData(grid)
     transform.SetGridDirectionMatrix(slicer.util.vtkMatrixFromArray(direction))
-    transform.SetInterpolationModeToLinear()
+    transform.SetInterpolationModeToCubic()  # as it will be when read from a file
     node.SetAndObserveTransformToParent(transform)
     node.CreateDefaultDisplayNodes()
     node.GetDisplayNode().SetVisibility(False)
@@ -314,6 +313,20 @@ def _file_together(result: Result, name: str) -> None:
         item = hierarchy.GetItemByDataNode(node)
         if item:
             hierarchy.SetItemParent(item, result.folder)
+        else:  # the application makes an item for every node, a script's Slicer may not
+            hierarchy.CreateItem(result.folder, node)
+
+
+def _remove(node) -> None:
+    """Remove a node with its display and storage nodes."""
+    belongings = []
+    if node.IsA("vtkMRMLDisplayableNode"):
+        belongings += [node.GetNthDisplayNode(n) for n in range(node.GetNumberOfDisplayNodes())]
+    if node.IsA("vtkMRMLStorableNode"):
+        belongings.append(node.GetStorageNode())
+    for one in [node, *belongings]:
+        if one is not None:
+            slicer.mrmlScene.RemoveNode(one)
 
 
 def remove_result(model) -> None:
@@ -325,7 +338,7 @@ def remove_result(model) -> None:
     for position in range(children.GetNumberOfIds()):
         node = hierarchy.GetItemDataNode(children.GetId(position))
         if node is not None and node.GetAttribute(RESULT):
-            slicer.mrmlScene.RemoveNode(node)
+            _remove(node)
     hierarchy.GetItemChildren(folder, children)
     if folder != hierarchy.GetSceneItemID() and not children.GetNumberOfIds():
         hierarchy.RemoveItem(folder)

@@ -1,5 +1,6 @@
 """Slicer's core with stand-ins for the application, and the module under test."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -9,16 +10,25 @@ HERE = Path(__file__).resolve().parent
 MODULE = HERE.parents[1] / "ElastoIdentify" / "ElastoIdentify.py"
 
 
+def import_slicer():
+    """Import Slicer's core, which takes every folder named slicer on the path for a part of it."""
+    path = sys.path[:]
+    sys.path[:] = [entry for entry in path if Path(entry).resolve() != HERE.parent]
+    try:
+        import slicer
+    finally:
+        sys.path[:] = path
+    return slicer
+
+
 def pytest_configure(config):
     """Make `import slicer` and `import ElastoIdentify` work as they do in the application."""
-    sys.path[:0] = [str(HERE), str(MODULE.parent)]
     try:
-        import slicer  # noqa: F401
+        import_slicer()
     except ImportError:
-        return  # the fixtures say so
-    import os
-
+        return  # the fixture below says so
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    sys.path[:0] = [str(HERE), str(MODULE.parent)]
     from standins import application, modules, widgets
 
     application.start()
@@ -29,12 +39,12 @@ def pytest_configure(config):
 @pytest.fixture(autouse=True)
 def scene():
     """An empty scene."""
-    try:
-        import slicer
-    except ImportError:
+    if "slicer" not in sys.modules:
         from hosts import host_missing
 
         host_missing("slicer-core is not installed", "cmake --workflow --preset test")
+    import slicer
+
     slicer.mrmlScene.Clear(0)
     yield slicer.mrmlScene
     slicer.mrmlScene.Clear(0)

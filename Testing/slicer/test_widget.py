@@ -1,0 +1,280 @@
+"""The panel, loaded from its .ui: states and texts of Apply, clicks, cancel, closing scenes."""
+
+import time
+
+import numpy as np
+import pytest
+
+slicer = pytest.importorskip("slicer")
+
+import ElastoIdentify as module  # noqa: E402
+import qt  # noqa: E402
+from ElastoIdentifyLib import sample  # noqa: E402
+from ElastoIdentifyLib.request import ROLES, materials_from_text  # noqa: E402
+from PySide6 import QtWidgets  # noqa: E402
+
+
+@pytest.fixture
+def panel():
+    widget = module.ElastoIdentifyWidget()
+    widget.setup()
+    yield widget
+    widget.cleanup()
+
+
+def click(button):
+    QtWidgets.QPushButton.click(button)
+
+
+def finish(widget, seconds=60):
+    """Let the timer's slot run until the run has ended."""
+    until = time.monotonic() + seconds
+    while widget.run is not None and time.monotonic() < until:
+        widget.onTimer()
+        time.sleep(0.05)
+    assert widget.run is None
+
+
+def set_role(widget, segment, role, young=None, poisson=None):
+    table = widget.ui.materialsTable
+    row = [table.item(r, 0).text() for r in range(table.rowCount)].index(segment)
+    table.cellWidget(row, 1).setCurrentIndex(ROLES.index(role))
+    for column, value in ((2, young), (3, poisson)):
+        if value is not None:
+            table.item(row, column).setText(str(value))
+
+
+def fill(widget):
+    """Choose everything by the panel's own widgets, transforms instead of images."""
+    inputs, young = sample.add_exact_push()
+    widget.ui.restSelector.setCurrentNode(inputs["restVolume"])
+    widget.ui.segmentationSelector.setCurrentNode(inputs["segmentation"])
+    widget.ui.useTransformsCheckBox.setChecked(True)
+    for node in inputs["transforms"]:
+        widget.ui.transformsSelector.setCheckState(node, qt.Qt.Checked)
+    set_role(widget, "pad", "known", 5, 0.3)
+    set_role(widget, "indenter", "rigid")
+    set_role(widget, "floor", "rigid")
+    widget.ui.edgeLengthSpinBox.setValue(6.0)
+    widget.ui.methodComboBox.setCurrentText("global")
+    widget.ui.poissonRatioSpinBox.setValue(0.3)
+    return inputs, young
+
+
+def test_the_ui_file_has_no_unknown_class_no_broken_connection_and_every_box_its_scene(panel):
+    assert panel.layout.itemAt(0).widget()._faults == []
+    for box in (
+        panel.ui.restSelector,
+        panel.ui.pushedSelector,
+        panel.ui.segmentationSelector,
+        panel.ui.transformsSelector,
+        panel.ui.resultSelector,
+    ):
+        assert box.mrmlScene() is slicer.mrmlScene
+
+
+def test_every_parameter_named_in_the_ui_exists_and_every_parameter_has_its_widget(panel):
+    connected = {
+        name
+        for name in (w.property("SlicerParameterName") for w in vars(panel.ui).values())
+        if name
+    }
+    parameters = set(module.ElastoIdentifyParameterNode.allParameters)
+    assert connected <= parameters
+    # two lists and the table have code of their own
+    assert parameters - connected == {"pushedVolumes", "transforms", "materials"}
+
+
+def test_apply_says_what_is_missing_one_thing_after_another(panel):
+    button, ui = panel.ui.applyButton, panel.ui
+
+    def says(text):
+        assert not button.enabled
+        assert button.text == f"Apply: {text}"
+
+    says("choose a rest volume")
+    inputs, _ = sample.add_exact_push()
+    other = slicer.util.addVolumeFromArray(np.ones((1, 40, 40)), name="Other")
+    panel.initializeParameterNode()
+    says("choose pushed volumes")
+    ui.pushedSelector.setCheckState(inputs["restVolume"], qt.Qt.Checked)
+    says("the rest volume is also chosen as pushed")
+    ui.pushedSelector.setCheckState(inputs["restVolume"], qt.Qt.Unchecked)
+    ui.pushedSelector.setCheckState(other, qt.Qt.Checked)
+    says("say which segment is known")
+    ui.segmentationSelector.setCurrentNode(None)
+    says("choose a segmentation")
+    ui.segmentationSelector.setCurrentNode(inputs["segmentation"])
+    set_role(panel, "pad", "known", -5, 0.3)
+    says("Young's modulus of pad must be positive")
+    set_role(panel, "pad", "known", 5, 0.5)
+    says("Poisson's ratio of pad must be between -1 and 0.5")
+    set_role(panel, "pad", "known", 5, 0.3)
+    assert button.enabled
+    assert button.text == "Apply"
+    ui.useTransformsCheckBox.setChecked(True)
+    says("choose a transform per trial")
+
+
+def test_a_click_calls_the_logic_with_the_chosen_values(panel, monkeypatch):
+    inputs, _ = fill(panel)
+    panel.ui.kinematicsComboBox.setCurrentText("neo-hookean")
+    panel.ui.noiseSpinBox.setValue(0.25)
+    panel.ui.sliceIndexSpinBox.setValue(3)
+    panel.ui.unitComboBox.setCurrentText("Pa")
+    requests = []
+    monkeypatch.setattr(panel.logic, "start", requests.append)
+    click(panel.ui.applyButton)
+    (request,) = requests
+    assert request.restVolume is inputs["restVolume"]
+    assert request.transforms == list(inputs["transforms"])
+    assert request.pushedVolumes == []
+    assert request.segmentation is inputs["segmentation"]
+    roles = {name: m.role for _, (_, name, m) in request.segments().items()}
+    assert roles == {"indenter": "rigid", "pad": "known", "tissue": "unknown", "floor": "rigid"}
+    assert (request.materials["pad"].young, request.materials["pad"].poisson) == (5.0, 0.3)
+    assert (request.edgeLength, request.sliceIndex, request.unit) == (6.0, 3, "Pa")
+    assert request.options == {
+        "method": "global",
+        "kinematics": "neo-hookean",
+        "plane": "strain",
+        "unknowns": "young",
+        "grouping": "cell",
+        "poisson_ratio": 0.3,
+        "noise": 0.25,
+    }
+
+
+def test_from_a_click_to_the_map(panel):
+    _, young = fill(panel)
+    click(panel.ui.applyButton)
+    assert panel.ui.applyButton.text == "Cancel"
+    assert panel.ui.applyButton.enabled
+    finish(panel)
+    model = panel._parameterNode.resultModel
+    status, label, found = (
+        slicer.util.arrayFromModelCellData(model, name)
+        for name in ("Status", "Label", "YoungModulus")
+    )
+    truth = np.array([young[value] for value in label])
+    assert np.allclose(found[status > 0], truth[status > 0], rtol=1e-6)
+    assert "cells identified" in panel.ui.statusLabel.text
+    assert panel.ui.applyButton.text == "Apply"
+    panel.ui.showComboBox.setCurrentText("YoungModulus")
+    assert model.GetDisplayNode().GetActiveScalarName() == "YoungModulus"
+
+    click(panel.ui.applyButton)  # a second run replaces the first result
+    finish(panel)
+    models = [n for n in slicer.util.getNodesByClass("vtkMRMLModelNode")]
+    assert len([n for n in models if n.GetAttribute("ElastoIdentify.Result")]) == 1
+
+
+def test_cancel_leaves_the_scene_as_it_was_and_apply_ready(panel):
+    fill(panel)
+    before = slicer.mrmlScene.GetNumberOfNodes()
+    click(panel.ui.applyButton)
+    run = panel.run
+    click(panel.ui.applyButton)
+    assert panel.run is None
+    assert run.poll().value == "cancelled"
+    assert slicer.mrmlScene.GetNumberOfNodes() == before
+    assert panel.ui.applyButton.text == "Apply"
+    assert panel.ui.applyButton.enabled
+
+
+def test_a_failure_in_the_background_is_told_and_apply_is_ready_again(panel):
+    fill(panel)
+    panel.ui.edgeLengthSpinBox.setValue(500.0)
+    click(panel.ui.applyButton)
+    with pytest.raises(ValueError, match="edge length"):
+        finish(panel)
+    assert "edge length" in panel.ui.statusLabel.text
+    assert panel.ui.applyButton.enabled
+
+
+def test_closing_the_scene_ends_a_run(panel):
+    fill(panel)
+    click(panel.ui.applyButton)
+    run = panel.run
+    slicer.mrmlScene.Clear(0)
+    assert panel.run is None
+    assert run.poll().value == "cancelled"
+    assert panel.ui.applyButton.text == "Apply: choose a rest volume"
+
+
+def test_two_scenes_one_after_another(panel):
+    fill(panel)
+    slicer.mrmlScene.Clear(0)
+    assert panel._parameterNode.restVolume is None
+    assert materials_from_text(panel._parameterNode.materials) == {}
+    assert panel.ui.materialsTable.rowCount == 0
+    _, young = fill(panel)
+    click(panel.ui.applyButton)
+    finish(panel)
+    assert panel._parameterNode.resultModel is not None
+
+
+def test_segments_that_are_added_or_renamed_show_in_the_table(panel):
+    inputs, _ = fill(panel)
+    segments = inputs["segmentation"].GetSegmentation()
+    segments.AddEmptySegment("vessel", "vessel")
+    segments.GetSegment("tissue").SetName("liver")
+    table = panel.ui.materialsTable
+    names = [table.item(row, 0).text() for row in range(table.rowCount)]
+    assert names == ["indenter", "pad", "liver", "floor", "vessel"]
+    assert table.cellWidget(1, 1).currentText == "known"
+
+
+def test_the_phantoms_materials_are_suggested_from_its_segmentation(panel):
+    inputs, _ = sample.add_exact_push()
+    from ElastoIdentifyLib.request import Material, tag_segment
+
+    tag_segment(inputs["segmentation"], "pad", Material("known", 4.5, 0.4))
+    panel.initializeParameterNode()
+    table = panel.ui.materialsTable
+    assert table.cellWidget(1, 1).currentText == "known"
+    assert (table.item(1, 2).text(), table.item(1, 3).text()) == ("4.5", "0.4")
+    request = panel.logic.request(panel._parameterNode)
+    assert request.segments()["pad"][2].young == 4.5
+
+
+def test_packages_are_asked_for_once_and_only_for_images(panel, monkeypatch):
+    fill(panel)
+    asked = []
+    monkeypatch.setattr(panel.logic, "ensurePackages", asked.append)
+    monkeypatch.setattr(panel.logic, "start", lambda request: None)
+    click(panel.ui.applyButton)
+    assert asked == []
+    other = slicer.util.addVolumeFromArray(np.ones((1, 40, 40)), name="Other")
+    panel.ui.useTransformsCheckBox.setChecked(False)
+    panel.ui.pushedSelector.setCheckState(other, qt.Qt.Checked)
+    click(panel.ui.applyButton)
+    assert [path.rpartition("/")[2] for path in asked] == ["requirements.txt"]
+
+
+def test_missing_packages_are_installed_by_slicer_of_either_age(panel, monkeypatch):
+    import importlib.metadata
+    import sys
+    import types
+
+    def none(name):
+        raise importlib.metadata.PackageNotFoundError
+
+    monkeypatch.setattr(module.importlib.metadata, "version", none)
+    done = []
+    packaging = types.ModuleType("slicer.packaging")
+    packaging.load_requirements = lambda path: ["from file"]
+    packaging.pip_ensure = lambda wanted, requester: done.append((wanted, requester))
+    monkeypatch.setitem(sys.modules, "slicer.packaging", packaging)
+    requirements = panel.resourcePath("requirements.txt")
+    panel.logic.ensurePackages(requirements)
+    assert done == [(["from file"], "ElastoIdentify")]
+
+    monkeypatch.setitem(sys.modules, "slicer.packaging", None)  # Slicer 5.10
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: True)
+    monkeypatch.setattr(slicer.util, "pip_install", done.append)
+    panel.logic.ensurePackages(requirements)
+    assert done[1] == ["itk-elastix>=0.23"]
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
+    with pytest.raises(RuntimeError, match="itk-elastix"):
+        panel.logic.ensurePackages(requirements)
