@@ -13,6 +13,7 @@ from ..errors import Cancelled
 from ..filters.base import failure_listeners
 
 _failures: list[tuple[str, BaseException]] = []
+_kinds: dict[str, type[BaseException]] = {}  # of what was raised already
 _depth = 0
 
 
@@ -47,19 +48,20 @@ def _raising(method):
         if _failures:
             line, error = _failures.pop(0)
             _failures.clear()
-            raise _told(error, line) from error
-        line = _server_side_failure(proxy) if method.__name__ == "UpdatePipeline" else ""
+            _kinds[line] = type(error)
+            raise _told(type(error), line) from error
+        line = _standing_failure(proxy) if method.__name__ == "UpdatePipeline" else ""
         if line:
-            raise RuntimeError(line)
+            raise _told(_kinds.get(line, RuntimeError), line)
         return result
 
     return wrapper
 
 
-def _told(error: BaseException, line: str) -> BaseException:
-    """Return an exception of the same kind that also says which filter failed."""
+def _told(kind: type[BaseException], line: str) -> BaseException:
+    """Return an exception of this kind that says which filter failed."""
     try:
-        return type(error)(line)
+        return kind(line)
     except TypeError:  # an exception whose constructor wants more
         return RuntimeError(line)
 
@@ -83,12 +85,12 @@ def _is_batch_satellite() -> bool:
     )
 
 
-def _server_side_failure(proxy) -> str:
-    """Return the failure of a filter that ran on a remote server, or of one before it."""
-    from paraview import servermanager
+def _standing_failure(proxy) -> str:
+    """Return the last failure of a filter or of one before it.
 
-    if not (servermanager.ActiveConnection and servermanager.ActiveConnection.IsRemote()):
-        return ""
+    It may have happened in a call before this one, for ParaView does not run a filter again that
+    has not changed, or on a remote server.
+    """
     for producer in _upstream(proxy.SMProxy):
         if producer.GetProperty("LastError"):
             producer.UpdatePropertyInformation()

@@ -1,0 +1,111 @@
+"""All properties of all proxies: set, saved to a state file, loaded in another process."""
+
+import sys
+from pathlib import Path
+
+from paraview import smstate
+from paraview.simple import *  # noqa: F403
+
+what, path = sys.argv[1:3]
+SETTINGS = {
+    "PushingPhantom": dict(
+        Shape="quads",
+        Pattern="crossed",
+        Resolution=5,
+        Size=0.3,
+        PadFraction=0.4,
+        YoungModulus=4000.0,
+        PoissonRatio=0.4,
+        InclusionContrast=2.0,
+        InclusionCenter=[0.4, 0.3, 0.2],
+        InclusionRadius=0.2,
+        Pushes=[0.0, -0.01, 0.0, 0.01, -0.01, 0.0, 0.01, 0.0, 0.0],
+        Kinematics="neo-hookean",
+        Noise=1e-6,
+        Seed=7,
+    ),
+    "SegmentationToTriangleMesh": dict(
+        EdgeLength=3.5,
+        LabelArray="Labels",
+        SliceAxis="k",
+        SliceIndex=1,
+        BorderReactions=0,
+        RigidLabels=["4"],
+        ReactionBoxes=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
+    ),
+    "ElastixNodalDisplacement": dict(
+        ParameterFile="/a/file.txt", Reference="previous", Backward=0, TimeStepsAsTrials=0
+    ),
+    "LameIdentification": dict(
+        Displacements=["Displacement_2", "Displacement_3"],
+        KnownMaterials=[1.0, 4000.0, 0.4, 3.0, 8000.0, 0.4],
+        Method="global",
+        Unknowns="young",
+        PoissonRatio=0.4,
+        Grouping="label",
+        Kinematics="neo-hookean",
+        Plane="stress",
+        Noise=1e-6,
+        Refine=4,
+        TimeStepsAsTrials=0,
+    ),
+}
+NOT_SETTINGS = {"Input", "Mesh", "RestImage", "PushedImages", "LastError"}
+
+
+def check(name, proxy):
+    names = {n for n in proxy.ListProperties() if not n.endswith("Info")} - NOT_SETTINGS
+    assert names == set(SETTINGS[name]), names ^ set(SETTINGS[name])
+    for key, value in SETTINGS[name].items():
+        got = getattr(proxy, key)
+        got = list(got) if isinstance(value, list) else got
+        assert got == value, (name, key, got, value)
+
+
+def build():
+    phantom = PushingPhantom(registrationName="Phantom", **SETTINGS["PushingPhantom"])  # noqa: F405
+    image = Wavelet(registrationName="Image")  # noqa: F405
+    SegmentationToTriangleMesh(  # noqa: F405
+        registrationName="Mesh", Input=image, **SETTINGS["SegmentationToTriangleMesh"]
+    )
+    ElastixNodalDisplacement(  # noqa: F405
+        registrationName="Displacement",
+        Mesh=phantom,
+        RestImage=image,
+        PushedImages=[image, Wavelet(registrationName="Pushed")],  # noqa: F405
+        **SETTINGS["ElastixNodalDisplacement"],
+    )
+    LameIdentification(  # noqa: F405
+        registrationName="Stiffness", Input=phantom, **SETTINGS["LameIdentification"]
+    )
+
+
+NAMES = {
+    "Phantom": "PushingPhantom",
+    "Mesh": "SegmentationToTriangleMesh",
+    "Displacement": "ElastixNodalDisplacement",
+    "Stiffness": "LameIdentification",
+}
+if what == "save":
+    build()
+    if path.endswith(".py"):
+        with open(path, "w") as file:
+            file.write(smstate.get_state())
+    else:
+        SaveState(path)  # noqa: F405
+else:
+    if path.endswith(".py"):
+        exec(Path(path).read_text())
+    else:
+        LoadState(path)  # noqa: F405
+for registered, name in NAMES.items():
+    check(name, FindSource(registered))  # noqa: F405
+stiffness = FindSource("Stiffness")  # noqa: F405
+stiffness.Plane = "strain"  # with neo-hookean, plane stress is refused
+stiffness.UpdatePipeline()
+assert "Residual_2" in stiffness.PointData
+assert "Residual_3" not in stiffness.PointData
+registration = FindSource("Displacement")  # noqa: F405
+assert len(registration.PushedImages) == 2
+assert registration.RestImage == FindSource("Image")  # noqa: F405
+print("done")

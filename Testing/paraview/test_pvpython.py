@@ -1,0 +1,86 @@
+"""Proxies in the real pvpython and pvbatch."""
+
+import subprocess
+import sys
+
+import pytest
+from paraview_host import HERE, PACKAGES, environment, run
+
+PLUGIN = PACKAGES / "elastoidentify" / "paraview" / "ElastoIdentifyPlugin.py"
+
+
+def test_phantom_to_stiffness_by_proxies_gives_the_librarys_numbers(script, tmp_path):
+    script("phantom_chain.py", tmp_path)
+
+
+@pytest.mark.parametrize("what", ["pvpython", "pvbatch"])
+@pytest.mark.parametrize("how", ["update", "update function", "information", "save", "fetch"])
+def test_a_failing_filter_raises_and_the_exit_code_tells(what, how, tmp_path):
+    output = tmp_path / "never.vtu"
+    done = run(what, HERE / "scripts" / "failing.py", how, output)
+    assert done.returncode not in (0, 139), done.stdout
+    line = "LameIdentification: known label 7 does not occur in the mesh"
+    assert f"ERROR: {line}" in done.stdout and f"InputError: {line}" in done.stdout
+    assert "done" not in done.stdout.splitlines()
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("how", ["render", "screenshot"])
+def test_a_failing_filter_raises_when_rendered(how, tmp_path, display):
+    output = tmp_path / "never.png"
+    done = run("pvpython", HERE / "scripts" / "failing.py", how, output, DISPLAY=display)
+    assert done.returncode == 1, done.stdout
+    assert "InputError: LameIdentification: known label 7" in done.stdout
+
+
+def test_a_failure_can_be_caught_and_the_next_update_works(script):
+    text = script("failing.py", "catch")
+    line = "LameIdentification: known label 7 does not occur in the mesh, its labels are 1, 2, 3"
+    shown = [shown for shown in text.splitlines() if shown.startswith("ERROR")]
+    assert shown == [f"ERROR: {line}"]  # raised twice, shown once
+
+
+@pytest.mark.parametrize("suffix", [".pvsm", ".py"])
+def test_a_state_file_brings_back_every_property(script, tmp_path, suffix):
+    state = tmp_path / f"state{suffix}"
+    script("properties.py", "save", state)
+    assert state.exists()
+    script("properties.py", "load", state)
+
+
+def test_the_plugin_file_can_be_loaded_by_its_path(tmp_path):
+    """As with Tools ▸ Manage Plugins, without the launcher's plugin path."""
+    script = tmp_path / "load.py"
+    script.write_text(
+        "from paraview.simple import *\n"
+        "assert 'LameIdentification' not in globals()\n"
+        f"LoadPlugin({str(PLUGIN)!r}, ns=globals())\n"
+        "stiffness = LameIdentification(Input=PushingPhantom(Resolution=4), Method='global')\n"
+        "stiffness.UpdatePipeline()\n"
+        "assert stiffness.CellData['Mu'].GetRange()[1] > 1700\n"
+        "print('done')\n"
+    )
+    shim = PACKAGES / "elastoidentify" / "paraview" / "shim"
+    done = subprocess.run(
+        ["pvpython", str(script)],
+        env={**environment(), "PYTHONPATH": str(shim), "PV_PLUGIN_PATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0 and done.stdout.split() == ["done"], done.stdout + done.stderr
+
+
+def test_the_tests_of_the_filters_hold_with_paraviews_vtk():
+    pytest.importorskip("paraview", reason="this Python does not have ParaView's VTK")
+    folder = HERE.parent / "filters"
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", folder],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
