@@ -23,13 +23,13 @@ SMOOTHING = 0.15  # standard deviation of the smoothed labels over the edge leng
 LARGEST_MOVE = 0.45  # of the cell size, for a node on a border
 GOOD_ANGLES = (12.0, 160.0)  # degrees; dihedral angles that moved nodes must leave
 FLAT_BORDER = 0.4  # share of the cross-section over which labels change at a flat border
-NEAR_PLANES = 0.25  # of the edge length; flat borders nearer than this are not told apart
+NEAR_PLANES = 0.24  # of the edge length; flat borders nearer than this are not told apart
 SWEEPS = 6
 REPAIRS = 100
 STEP_BACK = 0.05  # of the way to the lattice
-CORRECTIONS = 5  # rounds in which border nodes are moved for the right volumes
+CORRECTIONS = 8  # rounds in which border nodes are moved for the right volumes
 GOOD_VOLUME = 0.005  # relative error at which the rounds end
-LARGEST_OFFSET = 0.35  # of a smoothed label; beyond, it hardly changes with the place
+LARGEST_OFFSET = 0.45  # of a smoothed label; beyond, it hardly changes with the place
 
 
 def mesh_tetrahedra(
@@ -68,31 +68,32 @@ def mesh_tetrahedra(
         points = even_out(points, edges, touches, held)
         points = onto_borders(points, fields, touches, held)
         points = stay_near(points, lattice, touches, LARGEST_MOVE * CELL_SIZE * edge_length)
-    meshed = np.array([field.label > 0 for field in fields])[kind]
-    aim = np.bincount(np.searchsorted([f.label for f in fields], labels.ravel()))
-    aim = aim * spacing.prod()
-    area = border_areas(labels, spacing, fields)
-    offset = np.zeros(len(fields))
+    names = np.array([field.label for field in fields])
+    meshed = names[kind] > 0
+    size = np.bincount(np.searchsorted(names, labels.ravel())) * spacing.prod()
+    aim = np.where(names > 0, size, np.nan)
+    area = np.maximum(border_areas(labels, spacing, names), 1e-300)
+    offset, best = np.zeros(len(fields)), np.inf
     for correction in range(CORRECTIONS):
         progress(0.8 + 0.2 * correction / CORRECTIONS, "Volumes and angles")
         moved = onto_borders(points, fields, touches, held, offset)
         moved = bulge(moved, edges, touches, held)
         moved = repair(moved, lattice, cells[meshed])
-        volume = np.bincount(kind, tetrahedron_volumes(moved, cells), len(fields))
-        missing = np.where([field.label > 0 for field in fields], aim - volume, 0)
-        if (np.abs(missing) < GOOD_VOLUME * aim).all():
+        missing = aim - np.bincount(kind, tetrahedron_volumes(moved, cells), len(fields))
+        error = np.nanmax(np.abs(missing) / aim)
+        if error < best:
+            best, kept = error, moved
+        if error < GOOD_VOLUME:
             break
-        shift = missing / np.maximum(area, 1e-300)
+        shift = np.nan_to_num(missing / area)
         offset = np.clip(offset + shift * fields[0].steepness, -LARGEST_OFFSET, LARGEST_OFFSET)
     used, cells = np.unique(cells[meshed], return_inverse=True)
-    named = np.array([field.label for field in fields])[kind[meshed]]
     start = np.array([part.start for part in block[::-1]]) * spacing
-    return moved[used] + start, cells.reshape(-1, 4), named
+    return kept[used] + start, cells.reshape(-1, 4), names[kind[meshed]]
 
 
-def border_areas(labels: np.ndarray, spacing: np.ndarray, fields: list["LabelField"]) -> np.ndarray:
-    """Return the area of the voxel faces between each label and others, shape (l,)."""
-    names = [field.label for field in fields]
+def border_areas(labels: np.ndarray, spacing: np.ndarray, names: np.ndarray) -> np.ndarray:
+    """Return the area (l,) of the voxel faces between each of the labels `names` and others."""
     area = np.zeros(len(names))
     for axis in range(3):
         swapped = np.moveaxis(labels, 2 - axis, 0)
