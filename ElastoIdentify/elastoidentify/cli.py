@@ -300,7 +300,7 @@ def _identified(arguments, grid):
 
 def _deliver(arguments, grid, rest) -> None:
     """Print what was found and write the files asked for."""
-    rows = _report(grid, arguments.unit)
+    rows = _report(grid, arguments.unit, arguments.length_unit)
     _write_mesh(arguments.output, grid)
     if arguments.table:
         from .imaging.table import write_table
@@ -314,7 +314,7 @@ def _deliver(arguments, grid, rest) -> None:
         print(f"wrote {arguments.picture}")
 
 
-def _report(grid, unit: str) -> list[dict]:
+def _report(grid, unit: str, length: str) -> list[dict]:
     """Print how it was found, and the figures per label; return those."""
     import json
 
@@ -322,7 +322,8 @@ def _report(grid, unit: str) -> list[dict]:
     from .imaging.table import RESULT_ARRAYS, label_rows, table_text
 
     report = json.loads(get_text(grid, "IdentificationReport"))
-    for line in report_lines(report):
+    informed = grid.GetPointData().GetArray("DisplacementInformation_1") is not None
+    for line in report_lines(report, informed and not report.get("noise_given"), length):
         print(line)
     cells = grid.GetCellData()
     if cells.GetArray("Label") is None:
@@ -333,14 +334,40 @@ def _report(grid, unit: str) -> list[dict]:
     return rows
 
 
-def report_lines(report: dict) -> list[str]:
-    """Return what a person should know of an IdentificationReport, without the warnings."""
+def report_lines(report: dict, informed: bool = False, length: str = "mm") -> list[str]:
+    """Return what a person should know of an IdentificationReport, without the warnings.
+
+    Parameters
+    ----------
+    report : dict
+    informed : bool
+        The displacements came with their information, which the noise is then a multiple of.
+    length : str
+        Unit of the displacements.
+    """
     lines = [
         f"method: {report.get('method')}, {report.get('kinematics')}, "
         f"{report.get('trials')} trials, unknowns {report.get('unknowns')} per "
         f"{report.get('grouping')}"
     ]
-    lines += [f"{name}: {report[key]}" for name, key in (("auto", "auto"),) if report.get(key)]
+    if report.get("auto"):
+        lines.append(f"chosen because: {report['auto']}")
+    if report.get("noise_scale") is not None:
+        origin = "given" if report.get("noise_given") else "estimated"
+        size = (
+            f"{figure(report['noise_scale'])} × what the images' information predicts"
+            if informed
+            else f"{figure(report['noise_scale'])} {length} per displacement component"
+        )
+        lines.append(f"noise: {size} ({origin})")
+    if report.get("prior_weight"):
+        weights = ", ".join(figure(weight) for weight in report["prior_weight"])
+        lines.append(
+            f"prior: weight {weights} chosen by {report.get('prior_rule')}; "
+            f"{figure(report.get('effective_parameters'))} effective of "
+            f"{report.get('parameters')} parameters; misfit {figure(report.get('misfit'))} "
+            "(1: as large as the noise)"
+        )
     return lines
 
 

@@ -81,7 +81,7 @@ def _make_phantom(folder: Path, image: str | None, slice_index: int | None, say)
         slice_index = SLICE
     texture = slice_of(read_image(image or mni152_path()), index=slice_index)
     with TerminalProgress("phantom") as progress:
-        made = make_phantom(texture, progress=progress)
+        made = make_phantom(texture, kinematics="neo-hookean", progress=progress)
         write_phantom(folder / "phantom", made)
     pushes = " and ".join(f"({x:.2f}, {y:.2f})" for x, y, _ in made.pushes)
     tissue, inclusion, pad = (made.materials[made.label(n)] for n in ("tissue", "inclusion", "pad"))

@@ -6,6 +6,7 @@ import time
 from typing import TextIO
 
 QUIET_SECONDS = 10.0  # between two lines of progress where the output is a file
+NOTICED_SECONDS = 2.0  # what takes less needs no line of its own
 
 
 class TerminalProgress:
@@ -45,8 +46,9 @@ class TerminalProgress:
     def __exit__(self, kind, error, traceback):
         if self.rewrite and self.width:
             self._write("\r" + " " * self.width + "\r")
-        if kind is None:
-            self._write(f"{self.title}: {seconds(time.monotonic() - self.start)}\n")
+        duration = time.monotonic() - self.start
+        if kind is None and duration > NOTICED_SECONDS:
+            self._write(f"{self.title}: {seconds(duration)}\n")
 
     def _write(self, text: str):
         self.stream.write(text)

@@ -233,7 +233,7 @@ def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: s
     values = np.where(np.isin(arrays["Status"], FOUND), arrays[quantity], np.nan)[drawing.cells]
     factor, name = _unit(values, unit)
     finite = values[np.isfinite(values)] * factor
-    low, high = 0.0, float(np.percentile(finite, 99)) if finite.size else 1.0
+    low, high = 0.0, _highest(finite)
     title = {"Mu": "shear modulus μ", "Lambda": "Lamé constant λ"}[quantity]
     patches = _polygons(axes, drawing, values * factor, MODULI, low, high)
     _hatch(axes, drawing, arrays["Status"])
@@ -252,8 +252,7 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
         share = 100 * arrays["MuStd"] / np.abs(arrays["Mu"])
     values = np.where(status == FOUND[1], share, np.nan)[drawing.cells]
     finite = values[np.isfinite(values)]
-    high = float(np.percentile(finite, 98)) if finite.size else 1.0
-    high = high if high > 0 else 1.0
+    high = _highest(finite)
     patches = _polygons(axes, drawing, values, UNCERTAINTY, 0.0, high)
     given = np.isin(drawing.cells, np.flatnonzero(status == FOUND[0]))
     if given.any():
@@ -266,6 +265,14 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
     axes.set_title("uncertainty of μ")
     extend = "max" if (finite > high).any() else "neither"
     _colour_bar(figure, axes, patches, "standard deviation (% of μ)", extend)
+
+
+def _highest(values: np.ndarray) -> float:
+    """Return the upper end of a colour scale: the largest value, or less if few are far larger."""
+    if not values.size or values.max() <= 0:
+        return 1.0
+    usual = float(np.percentile(values, 98))
+    return float(values.max()) if values.max() < 1.5 * usual else usual
 
 
 def _polygons(axes, drawing: Drawing, values, colours: str, low: float, high: float):
@@ -349,7 +356,7 @@ def _scale_bar(axes, window: np.ndarray, length: str, colour: str = "white") -> 
     wanted = 0.25 * size[0]
     power = 10.0 ** np.floor(np.log10(wanted))
     bar = max(step * power for step in (1, 2, 5) if step * power <= wanted)
-    x, y = window[0, 0] + 0.05 * size[0], window[1, 1] - 0.035 * size[1]
+    x, y = window[0, 0] + 0.08 * size[0], window[1, 1] - 0.09 * size[1]
     axes.plot([x, x + bar], [y, y], color=colour, linewidth=3, solid_capstyle="butt")
     text = axes.text(
         x + bar / 2, y - 0.015 * size[1], f"{bar:g} {length}", color=colour, ha="center",
