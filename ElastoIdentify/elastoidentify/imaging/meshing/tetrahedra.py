@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy import ndimage, sparse
 
-from ...progress import Progress, silent
+from ...progress import Progress, part, silent
 from .quality import dihedral_angles, tetrahedron_volumes
 
 CELL_SIZE = 1.1  # side of a lattice cell over the edge length: makes the mean edge right
@@ -54,42 +54,102 @@ def mesh_tetrahedra(
     fields = label_fields(labels, spacing, edge_length)
     progress(0.3, "Lattice")
     planes = flat_borders(labels, spacing, edge_length)
-    lattice, cells = body_centred_lattice(planes, CELL_SIZE * edge_length)
-    strength = np.stack([field(lattice[cells].mean(axis=1)) for field in fields])
-    kind = strength.argmax(axis=0)
-    touches = np.zeros((len(lattice), len(fields)), bool)
-    touches[cells, kind[:, None]] = True
-    held = (lattice == lattice.min(axis=0)) | (lattice == lattice.max(axis=0))
-    held |= on_flat_borders(lattice, planes, fields, touches, held)
-    points = lattice.copy()
-    edges = unique_edges(cells)
+    lattice = labelled_lattice(planes, fields, CELL_SIZE * edge_length)
+    points = lattice.points
     for sweep in range(SWEEPS):
         progress(0.4 + 0.4 * sweep / SWEEPS, "Nodes onto borders")
-        points = even_out(points, edges, touches, held)
-        points = onto_borders(points, fields, touches, held)
-        points = stay_near(points, lattice, touches, LARGEST_MOVE * CELL_SIZE * edge_length)
-    names = np.array([field.label for field in fields])
-    meshed = names[kind] > 0
-    size = np.bincount(np.searchsorted(names, labels.ravel())) * spacing.prod()
-    aim = np.where(names > 0, size, np.nan)
-    area = np.maximum(border_areas(labels, spacing, names), 1e-300)
-    offset, best = np.zeros(len(fields)), np.inf
+        points = onto_borders(even_out(points, lattice), lattice)
+        points = stay_near(points, lattice, LARGEST_MOVE * CELL_SIZE * edge_length)
+    names = lattice.names
+    voxels = np.bincount(np.searchsorted(names, labels.ravel()))
+    aim = np.where(names > 0, voxels * spacing.prod(), np.nan)
+    area = border_areas(labels, spacing, names)
+    points = with_volumes(points, lattice, aim, area, part(progress, 0.8, 1.0))
+    meshed = lattice.meshed
+    used, cells = np.unique(lattice.cells[meshed], return_inverse=True)
+    start = np.array([extent.start for extent in block[::-1]]) * spacing
+    return points[used] + start, cells.reshape(-1, 4), names[lattice.kind[meshed]]
+
+
+@dataclass
+class Lattice:
+    """Tetrahedra before their nodes are moved, and what keeps each node where it is.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+    cells : ndarray of int, shape (m, 4)
+    edges : ndarray of int, shape (e, 2)
+    fields : list of l LabelField
+    kind : ndarray of int, shape (m,)
+        Which of the fields each cell belongs to.
+    touches : ndarray of bool, shape (n, l)
+        Whether a node has a cell of each field around it.
+    held : ndarray of bool, shape (n, 3)
+        Whether x, y, z of a node must stay.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    edges: np.ndarray
+    fields: list["LabelField"]
+    kind: np.ndarray
+    touches: np.ndarray
+    held: np.ndarray
+
+    @property
+    def names(self) -> np.ndarray:
+        """The label of each field (l,)."""
+        return np.array([field.label for field in self.fields])
+
+    @property
+    def meshed(self) -> np.ndarray:
+        """Whether each cell is more than background (m,)."""
+        return self.names[self.kind] > 0
+
+
+def labelled_lattice(planes: list[np.ndarray], fields: list["LabelField"], size: float) -> Lattice:
+    """Return the lattice of `body_centred_lattice` with the strongest label for each cell."""
+    points, cells = body_centred_lattice(planes, size)
+    strength = np.stack([field(points[cells].mean(axis=1)) for field in fields])
+    kind = strength.argmax(axis=0)
+    touches = np.zeros((len(points), len(fields)), bool)
+    touches[cells, kind[:, None]] = True
+    held = (points == points.min(axis=0)) | (points == points.max(axis=0))
+    lattice = Lattice(points, cells, unique_edges(cells), fields, kind, touches, held)
+    lattice.held |= on_flat_borders(lattice, planes)
+    return lattice
+
+
+def with_volumes(
+    points: np.ndarray, lattice: Lattice, aim: np.ndarray, area: np.ndarray, progress: Progress
+) -> np.ndarray:
+    """Return the points, those on borders moved so that labels have their volumes, cells good.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    lattice : Lattice
+    aim : ndarray, shape (l,)
+        Volume of each label, NaN where any will do.
+    area : ndarray, shape (l,)
+        About the area of the border of each label.
+    """
+    steepness = lattice.fields[0].steepness
+    offset, best, kept = np.zeros(len(aim)), np.inf, points
     for correction in range(CORRECTIONS):
-        progress(0.8 + 0.2 * correction / CORRECTIONS, "Volumes and angles")
-        moved = onto_borders(points, fields, touches, held, offset)
-        moved = bulge(moved, edges, touches, held)
-        moved = repair(moved, lattice, cells[meshed])
-        missing = aim - np.bincount(kind, tetrahedron_volumes(moved, cells), len(fields))
+        progress(correction / CORRECTIONS, "Volumes and angles")
+        moved = repair(bulge(onto_borders(points, lattice, offset), lattice), lattice)
+        volume = np.bincount(lattice.kind, tetrahedron_volumes(moved, lattice.cells), len(aim))
+        missing = aim - volume
         error = np.nanmax(np.abs(missing) / aim)
         if error < best:
             best, kept = error, moved
         if error < GOOD_VOLUME:
             break
-        shift = np.nan_to_num(missing / area)
-        offset = np.clip(offset + shift * fields[0].steepness, -LARGEST_OFFSET, LARGEST_OFFSET)
-    used, cells = np.unique(cells[meshed], return_inverse=True)
-    start = np.array([part.start for part in block[::-1]]) * spacing
-    return kept[used] + start, cells.reshape(-1, 4), names[kind[meshed]]
+        shift = np.nan_to_num(missing / np.maximum(area, 1e-300))
+        offset = np.clip(offset + shift * steepness, -LARGEST_OFFSET, LARGEST_OFFSET)
+    return kept
 
 
 def border_areas(labels: np.ndarray, spacing: np.ndarray, names: np.ndarray) -> np.ndarray:
@@ -187,22 +247,16 @@ def flat_borders(labels: np.ndarray, spacing: np.ndarray, edge_length: float) ->
     return planes
 
 
-def on_flat_borders(
-    lattice: np.ndarray,
-    planes: list[np.ndarray],
-    fields: list["LabelField"],
-    touches: np.ndarray,
-    held: np.ndarray,
-) -> np.ndarray:
+def on_flat_borders(lattice: Lattice, planes: list[np.ndarray]) -> np.ndarray:
     """Return which coordinates (n, 3) are those of a plane on which the node's border lies.
 
     There the border is known better than from the smoothed labels, which round edges and corners
     by up to the length of the smoothing.
     """
-    shift = np.abs(onto_borders(lattice, fields, touches, held) - lattice)
-    flat = np.stack([np.isin(lattice[:, k], planes[k]) for k in range(3)], axis=1)
-    several = touches.sum(axis=1) > 1
-    return flat & several[:, None] & (shift < fields[0].smoothing)
+    shift = np.abs(onto_borders(lattice.points, lattice) - lattice.points)
+    flat = np.stack([np.isin(lattice.points[:, k], planes[k]) for k in range(3)], axis=1)
+    several = lattice.touches.sum(axis=1) > 1
+    return flat & several[:, None] & (shift < lattice.fields[0].smoothing)
 
 
 def body_centred_lattice(planes: list[np.ndarray], size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -277,24 +331,21 @@ def unique_edges(cells: np.ndarray) -> np.ndarray:
     return np.c_[keys // n, keys % n]
 
 
-def even_out(
-    points: np.ndarray, edges: np.ndarray, touches: np.ndarray, held: np.ndarray
-) -> np.ndarray:
+def even_out(points: np.ndarray, lattice: Lattice) -> np.ndarray:
     """Return the nodes moved halfway to the mean of their neighbours.
 
     A node takes part only in what it lies on: one on a border looks at neighbours that touch the
     same labels, and one on a face of the block at neighbours on that face.
     """
-    mean, count = mean_of_alike(points, edges, touches, held)
-    enough = (count >= 2)[:, None] & ~held
+    mean, count = mean_of_alike(points, lattice)
+    enough = (count >= 2)[:, None] & ~lattice.held
     return np.where(enough, (points + mean) / 2, points)
 
 
-def mean_of_alike(
-    points: np.ndarray, edges: np.ndarray, touches: np.ndarray, held: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def mean_of_alike(points: np.ndarray, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean of the neighbours (n, 3) that lie on all a node lies on; how many (n,)."""
-    first, second = np.vstack([edges, edges[:, ::-1]]).T
+    touches, held = lattice.touches, lattice.held
+    first, second = np.vstack([lattice.edges, lattice.edges[:, ::-1]]).T
     alike = ~(touches[first] & ~touches[second]).any(axis=1)
     alike &= ~(held[first] & ~held[second]).any(axis=1)
     first, second = first[alike], second[alike]
@@ -303,37 +354,31 @@ def mean_of_alike(
     return total @ points / np.maximum(count, 1)[:, None], count
 
 
-def bulge(
-    points: np.ndarray, edges: np.ndarray, touches: np.ndarray, held: np.ndarray
-) -> np.ndarray:
+def bulge(points: np.ndarray, lattice: Lattice) -> np.ndarray:
     """Return the nodes on curved borders moved outward, so that flat cells hold their volume.
 
     Equilateral triangles of edge e with their corners on a sphere of radius R lie e²/(8R) below it
     in the mean, and the neighbours of a node e²/(2R) below the node: a quarter of the latter.
     """
-    mean, count = mean_of_alike(points, edges, touches, held)
-    curved = (touches.sum(axis=1) == 2) & (count >= 4)
-    return np.where(curved[:, None] & ~held, points + (points - mean) / 4, points)
+    mean, count = mean_of_alike(points, lattice)
+    curved = (lattice.touches.sum(axis=1) == 2) & (count >= 4)
+    return np.where(curved[:, None] & ~lattice.held, points + (points - mean) / 4, points)
 
 
 def onto_borders(
-    points: np.ndarray,
-    fields: list[LabelField],
-    touches: np.ndarray,
-    held: np.ndarray,
-    offset: np.ndarray | float = 0.0,
-    steps: int = 2,
+    points: np.ndarray, lattice: Lattice, offset: np.ndarray | float = 0.0, steps: int = 2
 ) -> np.ndarray:
     """Return the nodes that touch several labels moved to where these are equally strong.
 
     Newton's method on f_i(x) + offset_i = the same for all labels i of the node, with the shortest
     step: to a surface for two labels, to a line for three.
     """
+    fields = lattice.fields
     offset = np.broadcast_to(offset, len(fields))
     longest = fields[0].spacing.max()
-    nodes = np.flatnonzero(touches.sum(axis=1) > 1)
+    nodes = np.flatnonzero(lattice.touches.sum(axis=1) > 1)
     points = points.copy()
-    mine, free = touches[nodes], ~held[nodes]
+    mine, free = lattice.touches[nodes], ~lattice.held[nodes]
     for _ in range(steps):
         value = np.zeros(mine.shape)
         slope = np.zeros((*mine.shape, 3))
@@ -354,19 +399,17 @@ def onto_borders(
     return points
 
 
-def stay_near(
-    points: np.ndarray, lattice: np.ndarray, touches: np.ndarray, most: float
-) -> np.ndarray:
+def stay_near(points: np.ndarray, lattice: Lattice, most: float) -> np.ndarray:
     """Return the points, those on borders no farther than `most` from where they began."""
-    move = points - lattice
+    move = points - lattice.points
     length = np.linalg.norm(move, axis=1)
-    factor = np.where(touches.sum(axis=1) > 1, most / np.maximum(length, most), 1.0)
-    return lattice + move * factor[:, None]
+    factor = np.where(lattice.touches.sum(axis=1) > 1, most / np.maximum(length, most), 1.0)
+    return lattice.points + move * factor[:, None]
 
 
-def repair(points: np.ndarray, lattice: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def repair(points: np.ndarray, lattice: Lattice) -> np.ndarray:
     """Return the points with the nodes of poor cells moved back towards the lattice."""
-    points = points.copy()
+    points, cells = points.copy(), lattice.cells[lattice.meshed]
     poor = np.arange(len(cells))
     for _ in range(REPAIRS):
         angles = dihedral_angles(points, cells[poor])
@@ -375,7 +418,7 @@ def repair(points: np.ndarray, lattice: np.ndarray, cells: np.ndarray) -> np.nda
         if not bad.any():
             break
         nodes = np.unique(cells[poor[bad]])
-        points[nodes] += STEP_BACK * (lattice[nodes] - points[nodes])
+        points[nodes] += STEP_BACK * (lattice.points[nodes] - points[nodes])
         near = np.zeros(len(points), bool)
         near[nodes] = True
         poor = np.flatnonzero(near[cells].any(axis=1))
