@@ -155,6 +155,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def cleanup(self):
         self.cancelRun()
+        self.setParameterNode(None)
         self.removeObservers()
 
     def enter(self):

@@ -13,11 +13,12 @@ if(Python3_VERSION VERSION_GREATER_EQUAL 3.14)
   return()
 endif()
 
+# PySide6 6.12 drops references to None under Python 3.10 and 3.11, which aborts in the end.
 elastoidentify_environment(
   slicer OPTIONAL
   FOLDER "${slicer_environment}"
   PYTHON "${Python3_EXECUTABLE}"
-  INSTALL --editable "${PROJECT_SOURCE_DIR}[registration]" slicer-core PySide6-Essentials
+  INSTALL --editable "${PROJECT_SOURCE_DIR}[registration]" slicer-core "PySide6-Essentials<6.12"
           matplotlib scikit-fem pytest pytest-timeout
   WITHOUT_DEPENDENCIES nilearn # only its MR template is used
 )

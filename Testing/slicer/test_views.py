@@ -5,10 +5,11 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
-from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.outputs import cube_helix  # noqa: E402
 from standins.views import slice_view, space_view  # noqa: E402
+
+from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 
 
 def screen_axes(volume):

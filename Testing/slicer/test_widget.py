@@ -7,11 +7,12 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
-import ElastoIdentify as module  # noqa: E402
 import qt  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import ROLES, materials_from_text  # noqa: E402
 from PySide6 import QtWidgets  # noqa: E402
+
+import ElastoIdentify as module  # noqa: E402
 
 
 @pytest.fixture
@@ -20,6 +21,7 @@ def panel():
     widget.setup()
     yield widget
     widget.cleanup()
+    widget.layout.itemAt(0).widget().setMRMLScene(None)  # the boxes let go of the scene
 
 
 def click(button):
@@ -208,7 +210,7 @@ def test_two_scenes_one_after_another(panel):
     assert panel._parameterNode.restVolume is None
     assert materials_from_text(panel._parameterNode.materials) == {}
     assert panel.ui.materialsTable.rowCount == 0
-    _, young = fill(panel)
+    fill(panel)
     click(panel.ui.applyButton)
     finish(panel)
     assert panel._parameterNode.resultModel is not None
