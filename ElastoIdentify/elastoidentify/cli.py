@@ -83,10 +83,11 @@ def demo(arguments) -> None:
 
 def phantom(arguments) -> None:
     """Make images of a pushed block whose stiffness is known."""
-    from .imaging.io import read_image
+    from .imaging.io import make_folder, read_image
     from .imaging.phantom import Inclusion, make_phantom, write_phantom
     from .imaging.texture import mni152_path, slice_of
 
+    make_folder(arguments.out)
     inclusions = [Inclusion()]
     if arguments.inclusion is not None:
         inclusions = [Inclusion(*numbers) for numbers in arguments.inclusion]

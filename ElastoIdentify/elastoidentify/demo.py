@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InputError
 from .terminal import TerminalProgress, figure, peak_memory, seconds, table
 
 SLICE = 92  # of the MNI152 template: ventricles, cortex and white matter
@@ -46,8 +45,10 @@ def run_demo(
         ``contrast`` and ``contrast_by_label`` of the inclusion over the tissue, ``true_contrast``,
         ``rows`` and ``rows_by_label`` (figures per label), ``seconds``, ``peak_memory`` (bytes).
     """
+    from .imaging.io import make_folder
+
     start = time.monotonic()
-    folder = _folder(folder)
+    folder = make_folder(folder)
     made = _make_phantom(folder, image, slice_index, say)
     grid = _measure(made, edge_pixels)
     grid_by_cell = _identify(made, grid, "cell")
@@ -58,18 +59,6 @@ def run_demo(
     used = "" if memory is None else f", {memory / 2**30:.2f} GiB of memory at the most"
     say(f"\ntotal: {seconds(report['seconds'])}{used}")
     return report
-
-
-def _folder(folder: str | Path) -> Path:
-    from .imaging.io import check_writable
-
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another") from None
-    check_writable(folder / "map.vtu")
-    return folder
 
 
 def _make_phantom(folder: Path, image: str | None, slice_index: int | None, say):

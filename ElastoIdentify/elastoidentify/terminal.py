@@ -24,7 +24,7 @@ class TerminalProgress:
         self.title, self.stream = title, stream or sys.stderr
         self.rewrite = self.stream.isatty()
         self.start = self.last = time.monotonic()
-        self.width = 0
+        self.width, self.shown = 0, ""
 
     def __call__(self, fraction: float, text: str):
         """Report; the :data:`~elastoidentify.progress.Progress` handed to the library."""
@@ -37,8 +37,9 @@ class TerminalProgress:
             line = line[:100]
             self._write("\r" + line.ljust(self.width))
             self.width = len(line)
-        else:
+        elif line != self.shown:
             self._write(line + "\n")
+        self.shown = line
 
     def __enter__(self):
         return self

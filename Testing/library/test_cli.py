@@ -241,6 +241,15 @@ def test_outputs_that_cannot_be_written_are_refused_first(
     )
 
 
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(tmp_path, capsys):
+    pytest.importorskip("SimpleITK")
+    (tmp_path / "file").write_text("")
+    for command in ("phantom", "demo"):
+        code, out, err = run(command, "--out", tmp_path / "file" / "folder", capsys=capsys)
+        refused(code, out, err, "cannot be made", tmp_path)
+        assert out == ""
+
+
 def test_unreadable_files_are_refused(tmp_path, capsys):
     pytest.importorskip("vtkmodules")
     pytest.importorskip("SimpleITK")

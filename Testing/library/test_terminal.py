@@ -51,6 +51,7 @@ def test_progress_in_a_log_is_sparse(monkeypatch):
     lines = log.getvalue().splitlines()
     assert 8 <= len(lines) <= 12
     assert lines[-1].startswith("work: 1 min")
+    assert len(set(lines)) == len(lines)
 
 
 def test_a_table_has_flush_columns():

@@ -122,6 +122,17 @@ def check_writable(path: str | os.PathLike) -> None:
         ) from None
 
 
+def make_folder(path: str | os.PathLike) -> Path:
+    """Make a folder for outputs where there is none, or raise InputError if it cannot be used."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another") from None
+    check_writable(folder / "file")
+    return folder
+
+
 def _umask() -> int:
     """Return the process' file mode mask, which can only be read by setting it."""
     mask = os.umask(0)

@@ -8,7 +8,7 @@ phantom and what identifies it.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from scipy import ndimage
 from ..errors import InputError
 from ..progress import Progress, part, silent
 from .image import Image
-from .io import write_image, write_whole
+from .io import make_folder, write_image, write_whole
 from .push import Deformation, solve_pushes
 from .texture import sample_texture, speckle
 
@@ -172,6 +172,7 @@ def make_phantom(
     direction: np.ndarray | None = None,
     kinematics: str = "small-strain",
     elements: int = 80,
+    solver: Callable = solve_pushes,
     progress: Progress | None = None,
 ) -> Phantom:
     """Make a phantom: images of a block at rest and pushed, with all that is known about it.
@@ -210,6 +211,8 @@ def make_phantom(
         Of the push.
     elements : int
         Quadratic quadrilaterals across the block's width.
+    solver : callable
+        ``solve_pushes`` of :mod:`.push`, or of :mod:`.push_quads`, which needs no scikit-fem.
     progress : callable, optional
 
     Raises
@@ -233,7 +236,7 @@ def make_phantom(
         return young, np.full(np.shape(x), float(poisson))
 
     shifts = np.asarray(pushes, float) * frame.height
-    deformations = solve_pushes(
+    deformations = solver(
         frame.width,
         frame.height,
         frame.margin[0] * frame.spacing[0],
@@ -291,11 +294,7 @@ def write_phantom(folder: str | Path, phantom: Phantom) -> list[Path]:
         The files: ``rest``, ``pushed_1``…, ``segmentation``, ``true_young``, ``true_poisson``,
         ``true_lambda``, ``true_mu``, ``phantom.json``.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another") from None
+    folder = make_folder(folder)
     images = {"rest": phantom.rest}
     images |= {f"pushed_{trial}": image for trial, image in enumerate(phantom.pushed, 1)}
     images |= {

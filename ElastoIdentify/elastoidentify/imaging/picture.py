@@ -357,10 +357,11 @@ def _scale_bar(axes, window: np.ndarray, length: str, colour: str = "white") -> 
     power = 10.0 ** np.floor(np.log10(wanted))
     bar = max(step * power for step in (1, 2, 5) if step * power <= wanted)
     x, y = window[0, 0] + 0.08 * size[0], window[1, 1] - 0.09 * size[1]
-    axes.plot([x, x + bar], [y, y], color=colour, linewidth=3, solid_capstyle="butt")
+    (line,) = axes.plot([x, x + bar], [y, y], color=colour, linewidth=3, solid_capstyle="butt")
     text = axes.text(
         x + bar / 2, y - 0.015 * size[1], f"{bar:g} {length}", color=colour, ha="center",
         va="bottom", fontsize=9,
     )  # fmt: skip
     if colour == "white":
+        line.set_path_effects([withStroke(linewidth=5, foreground="black")])
         text.set_path_effects([withStroke(linewidth=2, foreground="black")])
