@@ -13,6 +13,7 @@ from elastoidentify.imaging.phantom import (
     Inclusion,
     make_phantom,
 )
+from elastoidentify.imaging.push_quads import solve_pushes_on_quads
 from elastoidentify.materials import lame_from_young
 from elastoidentify.pipeline import make_mesh
 from elastoidentify.pushing import solve_push
@@ -84,7 +85,12 @@ def add_phantom() -> list:
     Returns its nodes, the rest volume first.
     """
     with slicer.util.tryWithErrorDisplay("The phantom could not be made.", waitCursor=True):
-        phantom = make_phantom(None, inclusions=[Inclusion(contrast=3.0)])
+        phantom = make_phantom(
+            None,
+            inclusions=[Inclusion(contrast=3.0)],
+            solver=solve_pushes_on_quads,  # Slicer has no scikit-fem
+            elements=120,
+        )
         inputs = phantom_nodes(phantom)
     return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
 
