@@ -434,6 +434,12 @@ def test_bad_input_stops_with_one_line(labels, edge, options, message):
     assert "\n" not in str(stopped.value)
 
 
+def test_a_voxel_without_size_stops_with_one_line():
+    for spacing in ([0, 1, 1], [1, np.nan, 1], [1, 1, -1]):
+        with pytest.raises(InputError, match="has the voxel spacing"):
+            mesh_segmentation(Image(BLOCK, np.zeros(3), spacing), 8.0)
+
+
 @pytest.mark.parametrize("kind", [bool, np.uint8, np.int16, np.uint16, np.float32])
 def test_every_type_of_whole_numbers_is_a_labelmap(kind):
     labels = (layered_block() > 0).astype(kind)

@@ -50,7 +50,7 @@ def mesh_segmentation(
     segmentation: Image,
     edge_length: float,
     *,
-    rigid_labels: Sequence[int] = (),
+    rigid_labels: int | Sequence[int] = (),
     reaction_boxes: Sequence[Sequence[float]] = (),
     border_reactions: bool = True,
     progress: Progress | None = None,
@@ -65,7 +65,7 @@ def mesh_segmentation(
         the image border.
     edge_length : float
         Edge length of the cells, in world units (usually mm).
-    rigid_labels : sequence of int
+    rigid_labels : int or sequence of int
         Labels of bodies that do not deform (floor, indenter). They get no cells; the nodes they
         share with other labels become reaction nodes.
     reaction_boxes : sequence of (x0, x1, y0, y1) or (x0, x1, y0, y1, z0, z1)
@@ -85,6 +85,7 @@ def mesh_segmentation(
     progress = part(progress, 0.0, 1.0)
     labels = checked_labels(segmentation)
     boxes = check_boxes(reaction_boxes)
+    rigid_labels = np.atleast_1d(rigid_labels).tolist()
     check_rigid(labels, rigid_labels)
     smallest = check_edge_length(labels, segmentation, edge_length)
 
@@ -113,7 +114,7 @@ def mesh_segmentation(
     notes += size_notes(labels, voxel, points, cells, cell_labels)
 
     reaction = np.zeros(len(points), bool)
-    rigid = np.isin(cell_labels, list(rigid_labels))
+    rigid = np.isin(cell_labels, rigid_labels)
     if rigid.all():
         raise InputError(
             f"only rigid labels are large enough for edge length {edge_length:g}: use a smaller one"
@@ -143,8 +144,13 @@ def mesh_segmentation(
 
 
 def checked_labels(segmentation: Image) -> np.ndarray:
-    """Return the labels as int64, or raise `InputError`."""
+    """Return the labels as int32, or raise `InputError`."""
     values = segmentation.array
+    if not ((segmentation.spacing > 0) & np.isfinite(segmentation.spacing)).all():
+        raise InputError(
+            f"the segmentation has the voxel spacing {segmentation.spacing.tolist()}: give lengths "
+            "above 0"
+        )
     if values.dtype.kind not in "buif":
         raise InputError(
             f"the segmentation has values of type {values.dtype}: labels are whole numbers"
