@@ -110,8 +110,13 @@ class Network:
             self.sampled.pop(number, None)
 
 
-def build_network(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> Network:
-    """Return the smooth borders of a labelmap (rows, columns), scaled by `spacing` (x, y)."""
+def build_network(
+    labels: np.ndarray, spacing: np.ndarray, edge_length: float, merge: bool = True
+) -> Network:
+    """Return the smooth borders of a labelmap (rows, columns), scaled by `spacing` (x, y).
+
+    Unless `merge`, close anchors are left apart: then curves never cross, however ragged they are.
+    """
     voxels_per_edge = edge_length / np.sqrt(np.prod(spacing))
     graph = label_graph(labels)
     reach = max(5, round(voxels_per_edge / 2))
@@ -121,7 +126,8 @@ def build_network(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -
     anchors, ends = np.unique([path[[0, -1]] for path in paths], return_inverse=True)
     network = Network([smooth[path] for path in paths], sides, ends.reshape(-1, 2), [])
     pinned = graph.on_border[anchors] | graph.corners[anchors, None]
-    merge_close_anchors(network, pinned, edge_length)
+    if merge:
+        merge_close_anchors(network, pinned, edge_length)
     network.cuts = regular_cuts(network.curves, network.ends, edge_length)
     return network
 
@@ -142,26 +148,25 @@ def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float
     """
     lengths = np.array([arc_lengths(curve)[-1] for curve in network.curves])
     merged = np.zeros(len(lengths), bool)
+    around: list[set[tuple[int, int]]] = [set() for _ in pinned]  # (curve, end) at each anchor
+    for place, anchor in np.ndenumerate(network.ends):
+        around[anchor].add(place)
     for short in np.argsort(lengths, kind="stable").tolist():
         if lengths[short] >= CLOSE_ANCHORS * edge_length:
             break
         one, other = network.ends[short]
-        joining = (np.sort(network.ends, axis=1) == sorted((one, other))).all(axis=1) & ~merged
+        joining = {n for n, _ in around[one]} & {n for n, _ in around[other]}
         here, there = network.curves[short][[0, -1]]
         opposed = pinned[one] & pinned[other] & (here != there)
         if (
             one == other
-            or joining.sum() > 1
+            or len(joining) > 1
             or opposed.any()
             or pinned[one].all()
             or pinned[other].all()
         ):
             continue
-        branches = [
-            (number, way)
-            for number, way in np.argwhere(np.isin(network.ends, (one, other))).tolist()
-            if not merged[number] and number != short
-        ]
+        branches = sorted((around[one] | around[other]) - {(short, 0), (short, 1)})
         far = np.array(
             [far_point(network.curves[n][:: 1 - 2 * w], edge_length) for n, w in branches]
         )
@@ -175,6 +180,7 @@ def merge_close_anchors(network: Network, pinned: np.ndarray, edge_length: float
             continue
         merged[short] = True
         pinned[one] |= pinned[other]
+        around[one] = set(branches)
         for number, way in branches:
             curve = network.curves[number][:: 1 - 2 * way]
             near = np.linalg.norm(curve - place, axis=1) < 1.5 * lengths[short]

@@ -10,12 +10,14 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
+from ...errors import InputError
 from ...progress import Progress, part, silent
 from .interfaces import Network, build_network
 from .quality import triangle_angles, triangle_areas
 
 RELAXATIONS = 5
-REFINEMENTS = 40  # rounds; usually a handful are needed
+REFINEMENTS = 60  # rounds until all borders are in the triangulation; a handful are usual
+ENOUGH_REFINEMENTS = 30  # rounds after which small angles are left
 GOOD_ANGLE = 26.0  # degrees; triangles below it are refined
 SHORTEST = 0.2  # segments are split down to this share of the edge length
 
@@ -38,7 +40,9 @@ def mesh_triangles(
     """
     progress(0.0, "Borders between labels")
     network = build_network(labels, spacing, edge_length)
-    part_crossing_segments(network)
+    if not parted(network):
+        network = build_network(labels, spacing, edge_length, merge=False)
+        parted(network)
     fixed, segments, _ = network.sample()
     frame = frame_points(labels.shape, spacing, edge_length)
     inner = lattice_points(labels, spacing, edge_length)
@@ -68,6 +72,11 @@ def refine(
     Returns
     -------
     points (n, 2), triangles (m, 3) and their labels (m,), 0 outside.
+
+    Raises
+    ------
+    InputError
+        If segments remain missing, however often they are split.
     """
     for step in range(REFINEMENTS):
         progress(step / REFINEMENTS, "Triangles")
@@ -77,18 +86,21 @@ def refine(
         triangulation = Delaunay(points)
         triangles = counterclockwise(points, triangulation.simplices)
         missing = ~contains_edges(triangles, segments, len(points))
-        if missing.any() and step < REFINEMENTS - 1:
+        if missing.any():
             network.split(pieces[missing])
             continue
         region, label = classify(triangles, segments, network.sides[pieces[:, 0]], len(points))
         added, split = improvements(triangulation, region, label, fixed, segments)
         length = np.linalg.norm(np.diff(fixed[segments[split]], axis=1)[:, 0], axis=1)
         split = split[length > 2 * SHORTEST * edge_length]
-        if not len(added) and not len(split):
-            break
+        if not (len(added) or len(split)) or step >= ENOUGH_REFINEMENTS:
+            return points, triangles, label
         network.split(pieces[split])
         inner = np.vstack([inner, added])
-    return points, triangles, label
+    raise InputError(
+        "the borders between labels are too ragged for triangles: smooth the segmentation or use "
+        "a smaller edge length"
+    )
 
 
 def lattice_points(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> np.ndarray:
@@ -239,17 +251,18 @@ def contains_edges(triangles: np.ndarray, segments: np.ndarray, count: int) -> n
     return np.isin(low * count + high, edges[:, 0] * count + edges[:, 1])
 
 
-def part_crossing_segments(network: Network) -> None:
-    """Cut curves finer where their chords cross or touch each other."""
+def parted(network: Network) -> bool:
+    """Cut curves finer where their chords cross or touch each other. Returns whether none do."""
     for halving in range(5):
         points, segments, pieces = network.sample()
         crossing = pieces[crossing_segments(points, segments)]
         if not len(crossing):
-            return
+            return True
         if halving < 3:
             network.split(crossing)
         else:
             network.resolve(np.unique(crossing[:, 0]))
+    return False
 
 
 def crossing_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
