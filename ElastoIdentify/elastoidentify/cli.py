@@ -28,6 +28,7 @@ EXTRAS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (``sys.argv`` by default) and return its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
+    _print_anything()
     try:
         if argv[:1] == ["paraview"]:  # its arguments are ParaView's
             from .paraview.launch import main as launch
@@ -57,6 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             1,
         )
     return 0
+
+
+def _print_anything() -> None:
+    """Let a terminal without Greek letters show question marks, not stop the work."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
 
 
 def _say(message: str, code: int) -> int:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 
@@ -151,7 +152,7 @@ def test_help_version_and_module(capsys):
     assert code == 0
     assert "--reaction-box" in text
     done = subprocess.run(
-        [sys.executable, "-m", "elastoidentify", "--help"], capture_output=True, text=True
+        [sys.executable, "-m", "elastoidentify", "--help"], capture_output=True, encoding="utf-8"
     )
     assert done.returncode == 0
     assert "identify" in done.stdout
@@ -162,8 +163,21 @@ def test_help_and_numerics_load_neither_vtk_nor_itk():
         "import sys; from elastoidentify import cli; cli.main(['table2']); "
         "print([m for m in ('vtkmodules', 'itk', 'SimpleITK', 'matplotlib') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=True, encoding="utf-8"
+    )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_terminal_without_greek_letters_gets_question_marks():
+    done = subprocess.run(
+        [sys.executable, "-m", "elastoidentify", "table2"],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        encoding="ascii",
+    )
+    assert done.returncode == 0
+    assert "2.07e+04" in done.stdout
 
 
 # ---- what is refused
