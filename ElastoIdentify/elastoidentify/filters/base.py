@@ -158,6 +158,7 @@ class Filter(VTKPythonAlgorithmBase):
         info = outInfo.GetInformationObject(0)
         output = info.Get(vtkDataObject.DATA_OBJECT())
         try:
+            self._refuse_failed_inputs()
             inputs = list(self._inputs(inInfo))
             if self._more_steps(inInfo):
                 request.Set(_Pipeline.CONTINUE_EXECUTING(), 1)
@@ -167,8 +168,11 @@ class Filter(VTKPythonAlgorithmBase):
         except (Exception, KeyboardInterrupt) as error:
             request.Remove(_Pipeline.CONTINUE_EXECUTING())
             self._step, self._earlier = 0, {}
-            self._fail(error)
+            if not isinstance(error, _FailedBefore):
+                self._fail(error)
             output.Initialize()
+            if self.GetExecutive().IsA("vtkPVCompositeDataPipeline"):
+                return 1  # ParaView shows the empty output, and errors of its own for a 0
             info.Set(_Pipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
             return 0
         return 1
@@ -189,6 +193,11 @@ class Filter(VTKPythonAlgorithmBase):
                 yield self._over_time(number, vector, objects)
             else:
                 yield objects if port.repeatable else objects[0]
+
+    def _refuse_failed_inputs(self):
+        """Do nothing, without a second error line, where a filter before this one has failed."""
+        if any(getattr(before, "_errors", None) for before in _upstream(self) if before != self):
+            raise _FailedBefore
 
     # ---- time steps
 
@@ -323,6 +332,10 @@ class Filter(VTKPythonAlgorithmBase):
 
 
 _BASE_ATTRIBUTES = {"NumberOfInputPorts", "NumberOfOutputPorts", "InputType", "OutputType"}
+
+
+class _FailedBefore(Exception):
+    """A filter further up has failed, and said so."""
 
 
 def _run_starts(filter, event):

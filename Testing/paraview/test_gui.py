@@ -1,0 +1,164 @@
+"""The real application on a virtual display: menus, panel, table, Apply, and what comes out."""
+
+import os
+import subprocess
+import time
+from xml.sax.saxutils import quoteattr
+
+import pytest
+from hosts import program
+from paraview_host import HERE, LAUNCHER, environment
+
+WINDOW = "pqClientMainWindow"
+SCROLL = "qt_scrollarea_viewport"
+PANEL = f"{WINDOW}/propertiesDock/propertiesPanel"
+FORM = f"{PANEL}/scrollArea/{SCROLL}/scrollAreaWidgetContents/PropertiesFrame/ProxyPanel"
+INFORMATION = (
+    f"{WINDOW}/informationDock/informationWidgetFrame/informationScrollArea/{SCROLL}"
+    "/informationWidget"
+)
+KNOWN = f"{FORM}/KnownMaterials/ScalarValueList/Table"
+PICTURES = HERE.parents[1] / "docs" / "pictures"
+
+
+def event(widget, command, arguments=""):
+    return f"<pqevent object={quoteattr(widget)} command={quoteattr(command)} " + (
+        f"arguments={quoteattr(str(arguments))}/>"
+    )
+
+
+def check(widget, what, value):
+    return f"<pqcheck object={quoteattr(widget)} property={quoteattr(what)} " + (
+        f"arguments={quoteattr(str(value))}/>"
+    )
+
+
+def apply():
+    return event(f"{PANEL}/Accept", "activate")
+
+
+def menu(name, entry):
+    return [
+        event(f"{WINDOW}/menubar", "activate", name),
+        event(f"{WINDOW}/menubar/{name}", "activate", "ElastoIdentify"),
+        event(f"{WINDOW}/menubar/{name}/ElastoIdentify", "activate", entry),
+    ]
+
+
+def known_material(column, value):
+    return [
+        event(KNOWN, "edit", f"0.{column}"),
+        event(KNOWN, "editAccepted", f"0.{column},{value}"),
+    ]
+
+
+def rounded(expression):
+    """Calculator on the cells: rounds, so that a check by text does not hang on the last digit."""
+    return [
+        event(f"{WINDOW}/menubar/menuFilters/pqProxyGroupMenuManager0/Calculator", "activate"),
+        event(f"{FORM}/AttributeType/ComboBox", "set_string", "Cell Data"),
+        event(f"{FORM}/Function/Function/OneLiner", "set_string", expression),
+        apply(),
+    ]
+
+
+def play(tmp_path, display, steps, picture=None):
+    """Play the steps; return whether they all succeeded, and what the application printed."""
+    path, log = tmp_path / "steps.xml", tmp_path / "log.txt"
+    path.write_text('<?xml version="1.0" ?><pqevents>' + "\n".join(steps) + "</pqevents>")
+    program("paraview")
+    with log.open("w") as output:
+        application = subprocess.Popen(
+            [*LAUNCHER, "gui", "--dr", f"--test-script={path}"],
+            env=environment(DISPLAY=display, XDG_RUNTIME_DIR=str(tmp_path)),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+        try:
+            for _ in range(1200):
+                time.sleep(0.1)
+                text = log.read_text()
+                ended = "is finished. Success" in text or "critical: In event" in text
+                if ended or application.poll() is not None:
+                    break
+            if picture:
+                time.sleep(1.0)  # the last rendering
+                shoot(display, picture)
+            alive = application.poll() is None
+        finally:
+            application.terminate()
+            application.wait()
+    return alive and "Success =  true" in text, text
+
+
+def shoot(display, picture):
+    """Keep a picture of the display, without its empty border."""
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    command = [program("import"), "-window", "root", "-trim", "-colors", "128", str(picture)]
+    subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
+
+
+def identified(young, expected):
+    """The steps of a user who tries the phantom, and what the result has to be."""
+    return [
+        *menu("menuSources", "PushingPhantom"),
+        event(f"{FORM}/Shape/ComboBox", "set_string", "quads"),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 64),
+        *menu("menuFilters", "LameIdentification"),
+        *known_material(1, young),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 64),
+        *rounded("floor(Mu+0.5)"),
+        check(f"{INFORMATION}/dataArraysTable", "modelItemData", expected),
+    ]
+
+
+RESULT = "11.2"  # where the Calculator's array and its range stand in the table of arrays
+
+
+def test_menus_table_and_apply_give_the_right_stiffness(tmp_path, display):
+    """E = 10 kPa for the pad instead of 5: μ of the tissue is 10000/2.86 Pa, the inclusion's 3×."""
+    steps = identified(10000, f"{RESULT},[3497, 10490]")
+    good, text = play(tmp_path, display, steps)
+    assert good, text
+
+
+def test_a_wrong_expectation_fails(tmp_path, display):
+    """The check above can fail: the same steps with the pad as it was."""
+    good, text = play(tmp_path, display, identified(5000, f"{RESULT},[3497, 10490]"))
+    assert not good
+    assert 'Checked item contain : "[1748, 5245]"' in text
+
+
+def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(tmp_path, display):
+    steps = [
+        *menu("menuSources", "PushingPhantom"),
+        apply(),
+        *menu("menuFilters", "LameIdentification"),
+        *known_material(0, 9),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 0),
+        *known_material(0, 1),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 128),
+    ]
+    good, text = play(tmp_path, display, steps)
+    assert good, text
+    shown = [
+        line for line in text.splitlines() if "returned failure" in line or "Traceback" in line
+    ]
+    assert not shown, text
+
+
+@pytest.mark.slow
+def test_pictures_for_the_manual(tmp_path, display):
+    steps = [
+        *menu("menuSources", "PushingPhantom"),
+        event(f"{FORM}/Resolution/Line", "set_int", 16),
+        apply(),
+        *menu("menuFilters", "LameIdentification"),
+        apply(),
+    ]
+    good, text = play(tmp_path, display, steps, PICTURES / "paraview-lame-identification.png")
+    assert good, text
