@@ -17,15 +17,15 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from vtk.util.numpy_support import numpy_to_vtk
 
 RESULT = "ElastoIdentify.Result"
-QUANTITIES = {
-    "Mu": "Shear modulus μ",
-    "Lambda": "First Lamé constant λ",
-    "YoungModulus": "Young's modulus E",
-    "PoissonRatio": "Poisson's ratio ν",
-    "MuStd": "Standard deviation of μ",
-    "LambdaStd": "Standard deviation of λ",
+SYMBOLS = {
+    "Mu": "μ",
+    "Lambda": "λ",
+    "YoungModulus": "E",
+    "PoissonRatio": "ν",
+    "MuStd": "std of μ",
+    "LambdaStd": "std of λ",
 }
-"""Cell arrays that the panel offers for display, with their names in words."""
+"""Cell arrays that the panel offers for display, as the legend names them."""
 
 GREY = (0.55, 0.55, 0.55)
 
@@ -130,10 +130,18 @@ def show_quantity(model, quantity: str) -> None:
     display.SetScalarVisibility(True)
     unit = "" if quantity == "PoissonRatio" else f" ({model.GetAttribute('ElastoIdentify.Unit')})"
     legend = slicer.modules.colors.logic().AddDefaultColorLegendDisplayNode(display)
-    legend.SetTitleText(QUANTITIES.get(quantity, quantity) + unit)
+    for letters, size in (
+        (legend.GetTitleTextProperty(), 16),
+        (legend.GetLabelTextProperty(), 14),
+    ):
+        letters.SetFontFamilyToArial()
+        letters.SetFontSize(size)
+    legend.SetSize(0.12, 0.4)
     legend.SetUseColorNamesForLabels(False)
     legend.SetLabelFormat("%.3g")
+    legend.SetTitleText(SYMBOLS.get(quantity, quantity) + unit)
     legend.SetVisibility(True)
+    legend.Modified()  # letters do not tell
 
 
 def stiffness_colors():

@@ -337,7 +337,7 @@ def test_a_saved_scene_comes_back_whole(tmp_path):
     arrays = {name: cell_data(result, name).copy() for name in CELL_ARRAYS}
     points = vtk_to_numpy(result.model.GetMesh().GetPoints().GetData()).copy()
     shift = images.nodal_displacements(result.transforms, points, False)
-    name, title = result.model.GetName(), "Shear modulus μ (kPa)"
+    name, title = result.model.GetName(), "μ (kPa)"
     path = str(tmp_path / "scene.mrb")
     assert slicer.mrmlScene.WriteToMRB(path, None)
 

@@ -96,3 +96,16 @@ def test_the_extension_has_what_the_index_asks_for():
         assert f"set(EXTENSION_{name}" in extension
     for picture in re.findall(r"/main/(\S+\.png)", extension):
         assert (ROOT / picture).is_file(), picture
+
+
+def test_the_colour_map_file_is_the_one_the_module_makes():
+    slicer = pytest.importorskip("slicer")
+    from ElastoIdentifyLib.outputs import stiffness_colors
+
+    lines = (ROOT / "Resources" / "ElastoIdentifyStiffness.ctbl").read_text().splitlines()
+    rows = [line.split() for line in lines if not line.startswith("#")]
+    table = stiffness_colors().GetLookupTable()
+    assert slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLColorTableNode") > 0
+    for number, row in enumerate(rows):
+        colour = [round(255 * c) for c in table.GetTableValue(number)]
+        assert max(abs(a - int(b)) for a, b in zip(colour, row[2:], strict=True)) <= 1
