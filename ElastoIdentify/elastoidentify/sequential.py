@@ -12,9 +12,35 @@ import numpy as np
 from .progress import Progress, silent
 from .system import BalanceSystem
 
-CONDITION_LIMIT = 1e-7  # smallest over largest singular value (columns scaled) that is accepted
-BLOCK_SIZES = (24, 120)  # nodes: how far a block grows before it gives up
+CONDITION_LIMIT = 1e-7  # smallest over largest singular value (columns scaled) that counts as rank
+# Nodes of a block when it is tried. Small blocks are tried at many seeds; a large one means that
+# nothing smaller helps anywhere, and then a few seeds do.
+SMALL_BLOCKS = (2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24)
+LARGE_BLOCKS = (32, 48, 64, 96, 128, 192, 256, 384)
+LARGE_SEEDS = 3
 SEEDS_PER_STALL = 16
+# What is tried, in this order, after every success from the start: single nodes or blocks whose
+# matrices are at least this well conditioned. Each ill-conditioned solve costs its digits once and
+# for all that follows.
+STAGES = (
+    ("nodes", 1e-2),
+    ("nodes", 1e-3),
+    (SMALL_BLOCKS, 1e-3),
+    ("nodes", 1e-5),
+    (SMALL_BLOCKS, 1e-5),
+    ("nodes", CONDITION_LIMIT),
+    (LARGE_BLOCKS, CONDITION_LIMIT),
+)
+# Growing blocks for the sake of conditioning costs a Python loop per block. On meshes with more
+# unknown groups than this round-off has won long before the end, and blocks are grown only where
+# no node is left.
+CAREFUL_UP_TO = 20_000
+FAST_STAGES = (
+    ("nodes", 1e-3),
+    ("nodes", CONDITION_LIMIT),
+    (SMALL_BLOCKS, CONDITION_LIMIT),
+    (LARGE_BLOCKS, CONDITION_LIMIT),
+)
 
 
 @dataclass
@@ -215,15 +241,18 @@ def plan_walk(system: BalanceSystem, progress: Progress | None = None) -> Walk:
     nodes = np.arange(plan.c.n_nodes)
     plan.assess(nodes)
     candidates = nodes[plan.condition > CONDITION_LIMIT]
-    exhausted = np.zeros(plan.c.n_nodes, int)  # how far a block around a node was grown in vain
+    stages = STAGES if plan.c.n_groups <= CAREFUL_UP_TO else FAST_STAGES
+    in_vain = [np.zeros(plan.c.n_nodes, bool) for _ in stages]  # seeds tried, unchanged since
     while True:
         first_step = len(plan.steps)
-        if len(candidates):
-            plan.take(plan.choose(candidates))
-        elif not _grow_blocks(plan, exhausted):
+        if not any(
+            _try_stage(plan, stage, limit, candidates, tried)
+            for (stage, limit), tried in zip(stages, in_vain, strict=True)
+        ):
             break
         touched = plan.mark(first_step)
-        exhausted[touched] = 0
+        for tried in in_vain:
+            tried[touched] = False
         candidates = np.union1d(candidates, touched)
         candidates = candidates[plan.condition[candidates] > CONDITION_LIMIT]
         if len(plan.steps) % 50 == 0:
@@ -268,52 +297,56 @@ def _pseudo_inverse(matrices):
     return np.linalg.pinv(scaled, rcond=CONDITION_LIMIT / 10) / np.swapaxes(norm, -1, -2)
 
 
-def _grow_blocks(plan, exhausted) -> bool:
-    """Solve the smallest blocks that determine something, at seeds that share no unknown.
+def _try_stage(plan, stage, limit, candidates, tried) -> bool:
+    """Record the steps of one stage; False where there is none."""
+    if stage == "nodes":
+        good = candidates[plan.condition[candidates] > limit]
+        if len(good):
+            plan.take(plan.choose(good))
+        return len(good) > 0
+    return _solve_blocks(plan, stage, limit, tried)
 
-    Returns False when no block up to the largest size determines anything.
-    """
-    front = np.flatnonzero(plan.forced & (plan.open > 0))
-    for attempt, size in enumerate(BLOCK_SIZES, start=1):
-        seeds = front[exhausted[front] < attempt]
-        deficit = plan.open[seeds] * plan.c.per_group - plan.c.rows
-        seeds = seeds[np.lexsort((plan.level[seeds], deficit))]
-        taken, found = set(), 0
-        for seed in seeds:
-            block = _grow(plan, int(seed), size)
-            if block is None or taken & set(block[1].tolist()):
-                exhausted[seed] = attempt if block is None else exhausted[seed]
-                continue
+
+def _solve_blocks(plan, sizes, limit, tried) -> bool:
+    """Solve the smallest blocks that determine something, at seeds that share no unknown."""
+    seeds = np.flatnonzero(plan.forced & (plan.open > 0) & ~tried)
+    deficit = plan.open[seeds] * plan.c.per_group - plan.c.rows
+    seeds = seeds[np.lexsort((plan.level[seeds], deficit))]
+    if sizes is LARGE_BLOCKS:
+        seeds = seeds[:LARGE_SEEDS]
+    taken, found = set(), 0
+    for seed in seeds:
+        block = _grow(plan, int(seed), sizes, limit)
+        if block is None:
+            tried[seed] = True
+        elif not taken & set(block[1].tolist()):
             nodes, groups, inverse = block
             plan.record(nodes[None], groups[None], inverse[None])
             taken |= set(groups.tolist())
             found += 1
-            if found == SEEDS_PER_STALL:
-                break
-        if found:
-            return True
-    return False
+        if found == SEEDS_PER_STALL:
+            break
+    return found > 0
 
 
-def _grow(plan, seed, size):
+def _grow(plan, seed, sizes, limit):
     """Grow a block of nodes from a seed; return nodes, groups found, inverse, or None."""
     c = plan.c
     nodes, groups = [seed], set(_unsolved(plan, seed))
     neighbours = set(c.nodes_of(np.array(sorted(groups))).tolist()) - {seed}
-    while True:
-        if len(groups) * c.per_group <= len(nodes) * c.rows:
-            found = _determined(plan, nodes, sorted(groups))
-            if found is not None:
-                return found
-        if len(nodes) >= size or not neighbours:
-            return None
-        new = {n: [g for g in _unsolved(plan, n) if g not in groups] for n in neighbours}
-        best = min(neighbours, key=lambda n: (len(new[n]), plan.level[n], n))
-        nodes.append(best)
-        groups.update(new[best])
-        if new[best]:
-            neighbours |= set(c.nodes_of(np.array(new[best])).tolist())
-        neighbours -= set(nodes)
+    for size in sizes:
+        while len(nodes) < size and neighbours:
+            new = {n: [g for g in _unsolved(plan, n) if g not in groups] for n in neighbours}
+            best = min(neighbours, key=lambda n, new=new: (len(new[n]), plan.level[n], n))
+            nodes.append(best)
+            groups.update(new[best])
+            if new[best]:
+                neighbours |= set(c.nodes_of(np.array(new[best])).tolist())
+            neighbours -= set(nodes)
+        found = _determined(plan, nodes, sorted(groups), limit)
+        if found is not None or not neighbours:
+            return found
+    return None
 
 
 def _unsolved(plan, node):
@@ -321,7 +354,7 @@ def _unsolved(plan, node):
     return groups[~plan.solved[groups]].tolist()
 
 
-def _determined(plan, nodes, groups):
+def _determined(plan, nodes, groups, limit):
     """Return the groups that the joint equations of some nodes determine, with their inverse."""
     c = plan.c
     column = {g: k for k, g in enumerate(groups)}
@@ -333,7 +366,7 @@ def _determined(plan, nodes, groups):
     matrix = matrix.reshape(len(nodes) * c.rows, -1)
     scaled, norm = _scaled(matrix)
     U, s, Vt = np.linalg.svd(scaled, full_matrices=True)
-    rank = int((s > CONDITION_LIMIT * s[0]).sum()) if s[0] > 0 else 0
+    rank = int((s > limit * s[0]).sum()) if s[0] > 0 else 0
     null = np.linalg.norm(Vt[rank:], axis=0) if rank < Vt.shape[0] else np.zeros(Vt.shape[1])
     free = (null.reshape(-1, c.per_group) > 1e-6).any(axis=1)
     if free.all() or rank == 0:
