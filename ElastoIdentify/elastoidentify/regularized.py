@@ -24,9 +24,10 @@ The prior is a total variation of each log-modulus over the cells' common sides.
 the noise σ and a first map by the variational Bayes treatment of total variation (Babacan, Molina,
 Katsaggelos, IEEE Trans. Image Process. 17, 2008): no weight is set by hand, σ² is the misfit over
 the equations that the effective parameters leave (the discrepancy principle in its unbiased form).
-Its Gaussian posterior gives the standard deviations. Stage two sharpens: total variation is
-reweighted by its own result (Candès, Wakin, Boyd, J. Fourier Anal. Appl. 14, 2008), which has no
-scale of its own and so takes the contrast loss of total variation away.
+Stage two sharpens: total variation is reweighted by its own result (Candès, Wakin, Boyd, J. Fourier
+Anal. Appl. 14, 2008), which has no scale of its own and so takes the contrast loss of total
+variation away. The standard deviations are those of the Gaussian that the same variational step
+puts around the sharpened map.
 """
 
 from dataclasses import dataclass
@@ -196,9 +197,9 @@ class Prior:
         weight = max(self.n_groups - 1, 1) / np.maximum(total, 1e-12)
         return weight[self.field] * self.size / width, weight
 
-    def reweighted(self, x):
-        """Weights of reweighted total variation at x."""
-        return REWEIGHTING * self.size / ((self.difference @ x) ** 2 + SMOOTHING**2)
+    def reweighted(self, x, variance=0.0):
+        """Weights of reweighted total variation at x (of differences with some variance)."""
+        return REWEIGHTING * self.size / ((self.difference @ x) ** 2 + variance + SMOOTHING**2)
 
 
 class _Fit:
@@ -263,6 +264,7 @@ class _Fit:
     def run(self) -> Estimate:
         samples = self._variational_stage()
         self._sharpening_stage()
+        samples = self._posterior(samples)
         theta = self.theta()
         errors = theta[:, None] * (self.fields @ samples)
         report = {
@@ -320,6 +322,19 @@ class _Fit:
             if size < 0.02:
                 break
         self.evaluate()
+
+    def _posterior(self, samples):
+        """Samples around the sharpened map: the variational posterior of the reweighted prior.
+
+        One step from the first stage's posterior. Further steps would let flat regions merge
+        into one unknown and call their common bias, which no prior sees, certain.
+        """
+        if not len(self.prior.size):
+            return samples
+        variance = ((self.prior.difference @ samples) ** 2).mean(axis=1)
+        P, root = self.prior.weigh(self.prior.reweighted(self.x, variance))
+        self.factorise(P)
+        return self.posterior_samples(root)
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))
