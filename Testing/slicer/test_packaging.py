@@ -53,16 +53,23 @@ def file_scope_imports(path):
     return found
 
 
+def imported_in_slicer():
+    """All but what is for ParaView, and the program that runs in a process of its own."""
+    return [
+        name
+        for name in listed_files()
+        if name.endswith(".py")
+        and not name.startswith("elastoidentify/paraview/")
+        and name != "elastoidentify/imaging/elastix_worker.py"
+    ]
+
+
 def test_cmake_lists_every_file_once():
     assert sorted(listed_files()) == files_on_disk()
 
 
-@pytest.mark.parametrize("name", [n for n in listed_files() if n.endswith(".py")])
+@pytest.mark.parametrize("name", imported_in_slicer())
 def test_files_import_only_what_slicer_bundles(name):
-    if name.startswith("elastoidentify/paraview/"):
-        pytest.skip("for ParaView; never imported in Slicer")
-    if name == "elastoidentify/imaging/elastix_worker.py":
-        pytest.skip("a program that runs in a process of its own")
     unbundled = file_scope_imports(MODULE / name) - BUNDLED - OWN - set(sys.stdlib_module_names)
     assert not unbundled
 

@@ -8,8 +8,9 @@ Writes the scene (map.mrb) and the table (segments.tsv) to the folder.
 import sys
 from pathlib import Path
 
-import ElastoIdentify
 import slicer
+
+import ElastoIdentify
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".").resolve()
 folder.mkdir(parents=True, exist_ok=True)

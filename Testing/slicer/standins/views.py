@@ -131,6 +131,9 @@ def slice_view(volume, axis_vectors, size=(720, 720)):
     finally:
         window.Finalize()
         slicer.app.applicationLogic().GetSliceLogics().RemoveItem(logic)
+        for leftover in (logic.GetSliceModelNode(), composite, node):
+            scene.RemoveNode(leftover)
+        logic.SetMRMLScene(None)
 
 
 @contextmanager
