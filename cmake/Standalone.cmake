@@ -31,7 +31,7 @@ file(MAKE_DIRECTORY "${demo_folder}")
 elastoidentify_python("${environments}/main" main_python)
 add_custom_target(
   demo
-  COMMAND "${main_python}" -m elastoidentify.cli demo --out "${demo_folder}"
+  COMMAND "${main_python}" -m elastoidentify demo --out "${demo_folder}"
   DEPENDS "${elastoidentify_demo_stamp}"
   WORKING_DIRECTORY "${demo_folder}"
   USES_TERMINAL
