@@ -166,6 +166,7 @@ def _rank_revealing_qr(front):
 
 
 def _apply_qt(reflectors, tau, matrix):
+    reflectors = reflectors[:, : len(tau)]  # a front with fewer rows than columns has fewer
     ormqr, work = la.get_lapack_funcs(("ormqr",), (reflectors, matrix))[0], -1
     _, work, _ = ormqr("L", "T", reflectors, tau, matrix, -1)
     product, _, info = ormqr("L", "T", reflectors, tau, matrix, int(work[0]))
