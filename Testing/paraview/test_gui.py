@@ -62,14 +62,14 @@ def rounded(expression):
     ]
 
 
-def play(tmp_path, display, steps, picture=None):
+def play(tmp_path, display, steps, picture=None, extra=()):
     """Play the steps; return whether they all succeeded, and what the application printed."""
     path, log = tmp_path / "steps.xml", tmp_path / "log.txt"
     path.write_text('<?xml version="1.0" ?><pqevents>' + "\n".join(steps) + "</pqevents>")
     program("paraview")
     with log.open("w") as output:
         application = subprocess.Popen(
-            [*LAUNCHER, "gui", "--dr", f"--test-script={path}"],
+            [*LAUNCHER, "gui", "--dr", f"--test-script={path}", *extra],
             env=environment(DISPLAY=display, XDG_RUNTIME_DIR=str(tmp_path)),
             stdout=output,
             stderr=subprocess.STDOUT,

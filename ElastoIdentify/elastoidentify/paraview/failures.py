@@ -6,25 +6,58 @@ the two calls through which scripts run pipelines, so that they end in an except
 """
 
 import functools
+import importlib.abc
+import importlib.util
 import os
 import sys
+import weakref
+from dataclasses import dataclass
 
 from ..errors import Cancelled
 from ..filters.base import failure_listeners
 
-_failures: list[tuple[str, BaseException]] = []
+SERVERMANAGER = "paraview.servermanager"
+
+_failures: list["_Failure"] = []
 _kinds: dict[str, type[BaseException]] = {}  # of what was raised already
 _depth = 0
 
 
 def install():
-    """Wrap ParaView's calls in this process, once. Does nothing where no scripts run."""
+    """Wrap ParaView's calls in this process, once: now, or when a script first imports them.
+
+    Not earlier: the application connects to its server after it has loaded the plugins, and
+    ``paraview.servermanager`` would make a second connection if it were imported before.
+    """
     if _remember in failure_listeners:
         return
     failure_listeners.append(_remember)
-    servermanager = sys.modules.get("paraview.servermanager")
+    servermanager = sys.modules.get(SERVERMANAGER)
     if servermanager is None:
-        from paraview import servermanager
+        sys.meta_path.insert(0, _AfterImport())
+    else:
+        _wrap(servermanager)
+
+
+class _AfterImport(importlib.abc.MetaPathFinder):
+    """Waits for the import of ``paraview.servermanager`` and wraps its calls right after."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name != SERVERMANAGER:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        execute = spec.loader.exec_module
+
+        def execute_and_wrap(module):
+            execute(module)
+            _wrap(module)
+
+        spec.loader.exec_module = execute_and_wrap
+        return spec
+
+
+def _wrap(servermanager):
     source, proxy = servermanager.SourceProxy, servermanager.Proxy
     source.UpdatePipeline = _raising(source.UpdatePipeline)  # SaveData and Fetch come here too
     call = "_Proxy__ConvertArgumentsAndCall"  # everything else: rendering, writing pictures
@@ -33,29 +66,38 @@ def install():
 
 
 def _raising(method):
-    """Return `method`, which then raises the first failure that happened during the call."""
+    """Return `method`, which then raises the first failure since the last such call."""
 
     @functools.wraps(method)
     def wrapper(proxy, *args, **kwargs):
         global _depth
-        if _depth == 0:
-            _failures.clear()
         _depth += 1
         try:
             result = method(proxy, *args, **kwargs)
         finally:
             _depth -= 1
-        if _failures:
-            line, error = _failures.pop(0)
+            failures = [failure for failure in _failures if failure.stands()]
             _failures.clear()
-            _kinds[line] = type(error)
-            raise _told(type(error), line) from error
+        if failures:
+            _kinds[failures[0].line] = type(failures[0].error)
+            raise _told(type(failures[0].error), failures[0].line) from failures[0].error
         line = _standing_failure(proxy) if method.__name__ == "UpdatePipeline" else ""
         if line:
             raise _told(_kinds.get(line, RuntimeError), line)
         return result
 
     return wrapper
+
+
+@dataclass
+class _Failure:
+    filter: weakref.ref
+    line: str
+    error: BaseException
+
+    def stands(self) -> bool:
+        """Tell whether the filter has not run well since."""
+        return self.filter() is not None and self.filter().GetLastError() == self.line
 
 
 def _told(kind: type[BaseException], line: str) -> BaseException:
@@ -67,13 +109,19 @@ def _told(kind: type[BaseException], line: str) -> BaseException:
 
 
 def _remember(filter, error):
-    if _depth and not isinstance(error, Cancelled):
-        _failures.append((filter.GetLastError(), error))
-    elif _is_batch_satellite():
+    if isinstance(error, Cancelled):
+        return
+    if _is_batch_satellite():
         # The script runs on rank 0 only and cannot learn of this: end the whole run, non-zero.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(1)
+    if _depth or not _in_application():  # what the user does in the window is no script's failure
+        _failures.append(_Failure(weakref.ref(filter), filter.GetLastError(), error))
+
+
+def _in_application() -> bool:
+    return bool(getattr(sys.modules.get("paraview"), "fromGUI", False))
 
 
 def _is_batch_satellite() -> bool:

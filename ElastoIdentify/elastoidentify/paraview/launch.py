@@ -22,9 +22,10 @@ PROGRAMS = {
     "pvbatch": "pvbatch",
     "pvserver": "pvserver",
 }
-USAGE = """usage: elastoidentify paraview [gui|pvpython|pvbatch|pvserver|env] [ParaView's arguments]
+USAGE = """usage: elastoidentify paraview [gui|sample|pvpython|pvbatch|pvserver|env] [arguments]
 
   gui       the application (the default); "elastoidentify paraview mesh.vtu" opens a file
+  sample    the application with a sample, its stiffness and uncertainty side by side
   pvpython  run a Python script
   pvbatch   run a Python script, also in parallel: mpirun -np 2 elastoidentify paraview pvbatch …
   pvserver  a server for a remote client
@@ -43,7 +44,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments and arguments[0] in ("-h", "--help"):
         print(USAGE)
         return 0
-    what = arguments.pop(0) if arguments and arguments[0] in (*PROGRAMS, "env") else "gui"
+    words = (*PROGRAMS, "sample", "env")
+    what = arguments.pop(0) if arguments and arguments[0] in words else "gui"
+    if what == "sample":
+        what, arguments = "gui", [f"--script={HERE / 'sample.py'}", *arguments]
     try:
         environment = paraview_environment(os.environ)
         if what == "env":
