@@ -15,20 +15,20 @@ def partial_connection_matrices(block: Block) -> tuple[np.ndarray, np.ndarray]:
     """
     from .kinematics import SmallStrain
 
-    rest = np.broadcast_to(np.eye(block.cell.dim), (*block.weights.shape, *2 * (block.cell.dim,)))
+    rest = np.zeros((*block.weights.shape, block.cell.dim, block.cell.dim))
     return tuple(_integrate_tangent(block, part) for part in SmallStrain().tangent(rest))
 
 
 def cell_forces(block: Block, law: Kinematics, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodal forces of each cell per unit λ and per unit μ. Shape (n, k·d) each.
 
-    f_a = Σ_q w_q P(F_q) ∇N_a, with u (n_nodes, d) the displacement.
+    f_a = Σ_q w_q P(H_q) ∇N_a, with u (n_nodes, d) the displacement.
     """
     return tuple(
         np.einsum("nq,nqij,nqaj->nai", block.weights, stress, block.gradients).reshape(
             len(block.ids), -1
         )
-        for stress in law.stress(block.deformation(u))
+        for stress in law.stress(block.gradient(u))
     )
 
 
@@ -62,7 +62,7 @@ def tangent_stiffness(mesh: Mesh, law: Kinematics, u: np.ndarray, lam, mu) -> sp
     """Return K = ∂(Σ f)/∂u at displacement u (n_nodes, d). Shape (n_dofs, n_dofs)."""
     rows, cols, values = [], [], []
     for block in mesh.blocks:
-        per_lam, per_mu = law.tangent(block.deformation(u))
+        per_lam, per_mu = law.tangent(block.gradient(u))
         m = (slice(None), *(None,) * 5)
         tangent = lam[block.ids][m] * per_lam + mu[block.ids][m] * per_mu
         dofs = block.dofs
@@ -74,7 +74,7 @@ def tangent_stiffness(mesh: Mesh, law: Kinematics, u: np.ndarray, lam, mu) -> sp
 
 
 def _integrate_tangent(block, tangent):
-    """K_{ai,bk} = Σ_q w_q ∂P_ij/∂F_kl ∇_jN_a ∇_lN_b, for tangent (n, q, d, d, d, d)."""
+    """K_{ai,bk} = Σ_q w_q ∂P_ij/∂H_kl ∇_jN_a ∇_lN_b, for tangent (n, q, d, d, d, d)."""
     n, size = len(block.ids), block.cell.n_nodes * block.cell.dim
     half = np.einsum("nqijkl,nqbl->nqijbk", tangent, block.gradients, optimize=True)
     stiffness = np.einsum(

@@ -27,10 +27,11 @@ class Block:
         d = self.cell.dim
         return (self.nodes[:, :, None] * d + np.arange(d)).reshape(len(self.nodes), -1)
 
-    def deformation(self, u: np.ndarray) -> np.ndarray:
-        """Return F = I + Σ_a u_a ⊗ ∇N_a at the Gauss points, (n, q, d, d), for u (n_nodes, d)."""
-        H = np.einsum("nai,nqaj->nqij", u[self.nodes], self.gradients)
-        return H + np.eye(self.cell.dim)
+    def gradient(self, u: np.ndarray) -> np.ndarray:
+        """Return H = Σ_a u_a ⊗ ∇N_a at the Gauss points, (n, q, d, d), for u (n_nodes, d)."""
+        # a cell's common translation would cost digits of its strain
+        relative = u[self.nodes] - u[self.nodes[:, :1]]
+        return np.einsum("nai,nqaj->nqij", relative, self.gradients)
 
 
 class Mesh:

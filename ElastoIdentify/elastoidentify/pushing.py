@@ -181,4 +181,5 @@ def _newton(mesh, law, lam, mu, u, fixed, target, loads, iterations=25):
 
 
 def _inverted(mesh, u):
-    return any((np.linalg.det(block.deformation(u)) <= 0).any() for block in mesh.blocks)
+    eye = np.eye(mesh.dim)
+    return any((np.linalg.det(eye + block.gradient(u)) <= 0).any() for block in mesh.blocks)
