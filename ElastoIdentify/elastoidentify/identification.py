@@ -18,6 +18,7 @@ from .progress import Progress, silent
 from .unknowns import make_unknowns
 
 STATUS_NOT_DETERMINED, STATUS_KNOWN, STATUS_IDENTIFIED, STATUS_OUT_OF_RANGE = range(4)
+NEGLIGIBLE_LAMBDA = 0.01  # of μ
 
 
 @dataclass
@@ -357,7 +358,7 @@ def _check_trials(problem, method, unknowns, grouping):
             "unknowns 'young' with a fixed ν are better determined"
         )
     strain = max(
-        float(np.quantile(np.abs(block.deformation(v) - np.eye(mesh.dim)).max(axis=(1, 2, 3)), 0.9))
+        float(np.quantile(np.abs(block.gradient(v)).max(axis=(1, 2, 3)), 0.9))
         for block in mesh.blocks
         for v in u
     )
@@ -400,7 +401,8 @@ def _result(problem, estimate, plane_stress, warnings):
     status[~admissible(lam, mu)] = STATUS_OUT_OF_RANGE
     with np.errstate(invalid="ignore"):
         lost = ~(np.isfinite(lam) & np.isfinite(mu) & (mu_std < np.abs(mu)))
-        lost |= ~(lam_std < np.abs(lam))
+        # λ of a material like cork is zero, and then its error is measured by μ
+        lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
     status[lost] = STATUS_NOT_DETERMINED
     status[known] = STATUS_KNOWN
     residuals = _residuals(problem, estimate)
