@@ -7,7 +7,7 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 from hosts import program
-from paraview_host import HERE, LAUNCHER, environment
+from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
 
 WINDOW = "pqClientMainWindow"
 SCROLL = "qt_scrollarea_viewport"
@@ -94,7 +94,7 @@ def play(tmp_path, display, steps, picture=None, extra=()):
 def shoot(display, picture):
     """Keep a picture of the display, without its empty border."""
     picture.parent.mkdir(parents=True, exist_ok=True)
-    command = [program("import"), "-window", "root", "-trim", "-colors", "128", str(picture)]
+    command = [program("import"), "-window", "root", "-trim", "+dither", "-colors", "64", str(picture)]
     subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
 
 
@@ -153,12 +153,39 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
 
 @pytest.mark.slow
 def test_pictures_for_the_manual(tmp_path, display):
+    """The manual's pictures. With ELASTOIDENTIFY_PICTURES=1 they are put into docs/pictures."""
+    folder = PICTURES if os.environ.get("ELASTOIDENTIFY_PICTURES") == "1" else tmp_path
+    size = ["-geometry", "1400x880"]
     steps = [
         *menu("menuSources", "PushingPhantom"),
-        event(f"{FORM}/Resolution/Line", "set_int", 16),
+        event(f"{FORM}/Pattern/ComboBox", "set_string", "crossed"),
         apply(),
         *menu("menuFilters", "LameIdentification"),
+        event(f"{FORM}/Method/ComboBox", "set_string", "global"),
         apply(),
+        event(
+            f"{WINDOW}/representationToolbar/displayRepresentation/comboBox",
+            "set_string",
+            "Surface With Edges",
+        ),
     ]
-    good, text = play(tmp_path, display, steps, PICTURES / "paraview-lame-identification.png")
+    window = folder / "paraview-lame-identification.png"
+    good, text = play(tmp_path, display, steps, window, size)
     assert good, text
+    assert colours(window) > 100
+
+    sample = folder / "paraview-sample.png"
+    done = run(
+        "pvpython",
+        PACKAGES / "elastoidentify" / "paraview" / "sample.py",
+        sample,
+        DISPLAY=display,
+    )
+    assert done.returncode == 0, done.stdout
+    assert colours(sample) > 100
+
+
+def colours(picture):
+    """How many colours a picture has: a blank window has few."""
+    command = [program("identify"), "-format", "%k", str(picture)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
