@@ -38,7 +38,7 @@ needs_elastix = pytest.mark.skipif(
 
 def leftovers():
     """Temporary directories of workers, and worker processes, that exist now."""
-    folders = set(Path(tempfile.gettempdir()).glob("elastoidentify-*"))
+    folders = set(Path(tempfile.gettempdir()).glob("elastoidentify-elastix-*"))
     workers = set()
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         try:

@@ -114,7 +114,7 @@ def engine():
 
 def guard():
     """Run the engine, pass standard input on to it, and clean up whatever happens."""
-    directory = tempfile.mkdtemp(prefix="elastoidentify-")
+    directory = tempfile.mkdtemp(prefix="elastoidentify-elastix-")
     command = [sys.executable, os.path.abspath(__file__), "--engine"]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, cwd=directory)
 

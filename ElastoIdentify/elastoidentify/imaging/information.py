@@ -166,7 +166,7 @@ def displacement_information(
     displacement: np.ndarray,
     *,
     spacing: np.ndarray | None = None,
-    resolution: float = 16.0,
+    resolution: float | None = 16.0,
 ):
     """Inverse covariance of displacements measured by a registration.
 
@@ -200,8 +200,8 @@ def displacement_information(
         In pixels.
     spacing : (d,), optional
         Voxel size in pixels; its product is 1.
-    resolution : float
-        h in pixels.
+    resolution : float or None
+        h in pixels. None: the node's own patch, h^d = A, for displacements refined on the mesh.
 
     Returns
     -------
@@ -236,11 +236,11 @@ def displacement_information(
     strength, axes = np.linalg.eigh(texture)
     strength = np.maximum(strength - chance[:, None], 0.0)
 
-    patch = resolution**dimension
-    certain = strength * (patch / np.maximum(volume, 1e-9) / noise**2)[:, None]
+    patch = np.maximum(volume, 1e-9) if resolution is None else resolution**dimension
+    certain = strength * (patch / np.maximum(volume, 1e-9))[:, None] / noise**2
     pixels = points * spacing
     spread = strain_spread(pixels, simplices(cells, dimension), displacement)
-    model = (MODEL_ERROR * resolution) ** 2 * spread / dimension
+    model = MODEL_ERROR**2 * patch ** (2 / dimension) * spread / dimension
     share = np.minimum(1.0, volume / patch)
     certain = share[:, None] * certain / (1 + model[:, None] * certain)
     return np.einsum("nab,nb,ncb->nac", axes, certain, axes), share, noise

@@ -20,6 +20,7 @@ from .elastix_process import ElastixProcess
 from .image import Image
 from .information import displacement_information, signed_volumes, simplices, voxels_in_cells
 from .parameter_files import control_point_spacing, load_parameters
+from .refinement import refine_displacement
 
 SMALLEST_IMAGE = 16  # voxels along an axis of a planar image
 THINNEST_VOLUME = 8  # voxels along an axis of a volume
@@ -328,6 +329,7 @@ def register(
     mask: Image | None = None,
     reference: str = "rest",
     backward: bool = True,
+    refine: bool = True,
     elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
@@ -355,6 +357,10 @@ def register(
         composed, for a series of ever larger pushes.
     backward : bool
         Also register from pushed to rest, which doubles the time and tells the disagreement.
+    refine : bool
+        Correct the displacements by one step of image correlation on the mesh, see
+        :func:`~elastoidentify.imaging.refinement.refine_displacement`: noisier, with less bias
+        where the strain jumps.
     elastix : ElastixProcess, optional
         A worker that is kept warm for several calls; it is left open, unless cancelled.
     progress : callable, optional
@@ -393,7 +399,7 @@ def register(
         if not mask_array.any():
             raise InputError("the mask is empty: no voxel of it differs from 0")
 
-    work = _Work(frame, frame.array(rest), points, cells, maps, mask_array, outside)
+    work = _Work(frame, frame.array(rest), points, cells, maps, mask_array, outside, refine)
     start = nullcontext(elastix) if elastix else ElastixProcess(part(progress, 0.0, 0.05))
     with start as worker:
         figures = work.run(worker, trials, reference, backward, part(progress, 0.05, 1.0))
@@ -436,9 +442,10 @@ def _named(name: str, progress: Progress) -> Progress:
 class _Work:
     """One call of :func:`register`, in pixels: arrays filled trial by trial."""
 
-    def __init__(self, frame, rest, points, cells, maps, mask, outside):
+    def __init__(self, frame, rest, points, cells, maps, mask, outside, refine):
         self.frame, self.rest, self.maps, self.mask = frame, rest, maps, mask
         self.index, self.cells, self.outside = frame.index(points), cells, outside
+        self.refine = refine
         self.corners = simplices(cells, len(frame.kept))
         self.inside = voxels_in_cells(self.index, cells, rest.shape)[0]
         if len(self.inside) < 16:
@@ -456,7 +463,7 @@ class _Work:
         for k, trial in enumerate(trials):
             tell = _named(f"trial {k + 1} of {count}", part(progress, k / count, (k + 1) / count))
             reached, warped, miss = self._one(elastix, image, trial, reached, backward, tell)
-            self.displacements[k] = reached - start
+            self.displacements[k] = self._refined(trial, reached - start)
             self.disagreement[k] = miss
             figures.append(self._judge(k, image, trial, warped, miss if backward else None))
             if reference == "previous":
@@ -464,6 +471,16 @@ class _Work:
             else:
                 reached = start
         return figures
+
+    def _refined(self, trial, displacement):
+        """The displacement in pixels after the second step, where it is asked for."""
+        if not self.refine:
+            return displacement
+        spacing = self.frame.spacing
+        voxels = refine_displacement(
+            self.rest, trial, self.index, self.cells, displacement / spacing
+        )
+        return np.where(self.outside[:, None], displacement, voxels * spacing)
 
     def _one(self, elastix, fixed, moving, points, backward, progress):
         """Register one pair. Returns T(points), the warped image and |T⁻¹(T(points)) − points|."""
@@ -493,7 +510,7 @@ class _Work:
             self.cells,
             moved,
             spacing=self.frame.spacing,
-            resolution=control_point_spacing(self.maps),
+            resolution=None if self.refine else control_point_spacing(self.maps),
         )
         information[self.outside] = 0.0
         self.information[k] = information
