@@ -25,8 +25,8 @@ def refine_displacement(
 
     One Gauss–Newton step of global digital image correlation with the mesh's linear shape functions
     N_i (Besnard, Hild & Roux 2006), the matrix lumped on each node:
-    δ_i = (Σ N_i ∇f ∇fᵀ)⁻¹ Σ N_i ∇f (f − g(x + u)). Lumped, because the full step amplifies
-    noise; damped where the image has no texture.
+    δ_i = (Σ N_i ∇f ∇fᵀ)⁻¹ Σ N_i ∇f (f − g(x + u)). Lumped, so that no linear system mixes
+    the noise of neighbours; damped where the image has no texture.
 
     Parameters
     ----------
