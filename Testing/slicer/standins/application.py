@@ -107,6 +107,15 @@ LOGICS = {
 
 def start():
     """Make `slicer.mrmlScene`, `slicer.app` and `slicer.modules`; returns the scene."""
+    verbosity = vtk.vtkLogger.GetCurrentVerbosityCutoff()
+    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)  # files of the application
+    try:
+        return _start()
+    finally:
+        vtk.vtkLogger.SetStderrVerbosity(verbosity)
+
+
+def _start():
     scene = slicer.vtkMRMLScene()
     logic = slicer.vtkSlicerApplicationLogic()
     logic.SetMRMLScene(scene)
