@@ -188,7 +188,13 @@ def _blocks(points, cells):
     for kind, nodes in cells:
         _choice("cell kind", kind, CELL_TYPES)
         nodes = np.asarray(nodes, int)
-        if nodes.size and (nodes.min() < 0 or nodes.max() >= len(points)):
+        if nodes.size == 0:
+            continue
+        if nodes.ndim != 2 or nodes.shape[1] != CELL_TYPES[kind].n_nodes:
+            raise InputError(
+                f"{kind} cells of shape {nodes.shape}: expected (n, {CELL_TYPES[kind].n_nodes})"
+            )
+        if nodes.min() < 0 or nodes.max() >= len(points):
             raise InputError(
                 f"{kind} cells refer to nodes {nodes.min()}…{nodes.max()}, but the mesh has "
                 f"{len(points)} nodes (counted from 0)"
@@ -197,7 +203,9 @@ def _blocks(points, cells):
         start += len(nodes)
         dims.add(CELL_TYPES[kind].dim)
     if not start:
-        raise InputError("the mesh has no cells")
+        raise InputError(
+            "the mesh has no cells: give triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
     if len(dims) > 1:
         raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
     return blocks, dims.pop()
@@ -307,13 +315,19 @@ def _known(known, labels, n_cells):
     known = np.asarray(known, float)
     if known.shape != (n_cells, 2):
         raise InputError(f"known materials: shape {known.shape}, expected ({n_cells}, 2) for E, ν")
-    given = np.isfinite(known).all(axis=1)
-    if given.any():
-        bad = given & ~((known[:, 0] > 0) & (known[:, 1] > -1) & (known[:, 1] < 0.5))
-        cell = np.flatnonzero(bad)
-        if len(cell):
-            check_material(*known[cell[0]], f"known cell {cell[0]}")
-    return np.where(given, known[:, 0], np.nan), np.where(given, known[:, 1], np.nan)
+    young, poisson = known.T
+    half = np.flatnonzero(np.isnan(young) != np.isnan(poisson))
+    if len(half):
+        missing = "Young's modulus" if np.isnan(young[half[0]]) else "Poisson's ratio"
+        raise InputError(
+            f"{len(half)} known cell(s), the first is cell {half[0]}, have no {missing}: give both "
+            "constants of a known cell, and NaN for both where it is not known"
+        )
+    good = np.isfinite(young) & (young > 0) & (poisson > -1) & (poisson < 0.5)
+    bad = np.flatnonzero(~np.isnan(young) & ~good)
+    if len(bad):
+        check_material(*known[bad[0]], f"known cell {bad[0]}")
+    return young, poisson
 
 
 def _information(frame, information, u):
@@ -323,6 +337,11 @@ def _information(frame, information, u):
     if metric.ndim != 4 or metric.shape[:2] != u.shape[:2]:
         raise InputError(
             f"information must have shape (trials, nodes, d, d), this has {metric.shape}"
+        )
+    if metric.shape[2:] not in {(frame.mesh.dim,) * 2, (frame.world_dim,) * 2, (3, 3)}:
+        raise InputError(
+            f"information of {metric.shape[2]}×{metric.shape[3]} components per node for a mesh of "
+            f"{frame.mesh.dim} dimensions"
         )
     if not np.isfinite(metric).all():
         raise InputError("the displacement information has values that are not finite numbers")
