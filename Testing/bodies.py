@@ -75,10 +75,14 @@ def body(points, cells, known, reaction, *, seed=0, young=(1e3, 5e3), poisson=(0
 
 
 def push_from_above(one, top, pushes):
-    """Push the nodes at height `top` by each of `pushes`; other reaction nodes stand still."""
-    at_top = np.isclose(one.points[one.reaction][:, -1:], top)
+    """Push the nodes at height `top` by each of `pushes`; other reaction nodes stand still.
+
+    A push is one displacement (d,) for all of them, or a function of their positions (n, d).
+    """
+    held = one.points[one.reaction]
+    at_top = np.isclose(held[:, -1:], top)
     for push in pushes:
-        one.push(np.where(at_top, push, 0.0))
+        one.push(np.where(at_top, push(held) if callable(push) else push, 0.0))
     return one
 
 
