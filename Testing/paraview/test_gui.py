@@ -94,7 +94,16 @@ def play(tmp_path, display, steps, picture=None, extra=()):
 def shoot(display, picture):
     """Keep a picture of the display, without its empty border."""
     picture.parent.mkdir(parents=True, exist_ok=True)
-    command = [program("import"), "-window", "root", "-trim", "+dither", "-colors", "64", str(picture)]
+    command = [
+        program("import"),
+        "-window",
+        "root",
+        "-trim",
+        "+dither",
+        "-colors",
+        "64",
+        str(picture),
+    ]
     subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
 
 

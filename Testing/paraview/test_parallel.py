@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from paraview_host import HERE, mpirun, run
 
+pytestmark = pytest.mark.slow
+
 KNOWN = "1,5000,0.43"
 CELL_ARRAYS = ("Lambda", "Mu", "LambdaStd", "MuStd", "Status", "SequenceOrder", "TrueMu")
 

@@ -1,10 +1,12 @@
 """Proxies in the real pvpython and pvbatch."""
 
+import socket
 import subprocess
 import sys
 
 import pytest
-from paraview_host import HERE, PACKAGES, environment, run
+from hosts import program
+from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
 
 PLUGIN = PACKAGES / "elastoidentify" / "paraview" / "ElastoIdentifyPlugin.py"
 
@@ -13,8 +15,16 @@ def test_phantom_to_stiffness_by_proxies_gives_the_librarys_numbers(script, tmp_
     script("phantom_chain.py", tmp_path)
 
 
-@pytest.mark.parametrize("what", ["pvpython", "pvbatch"])
-@pytest.mark.parametrize("how", ["update", "update function", "information", "save", "fetch"])
+@pytest.mark.parametrize(
+    ("what", "how"),
+    [
+        ("pvpython", "update function"),
+        ("pvpython", "information"),
+        ("pvpython", "fetch"),
+        ("pvbatch", "update"),
+        ("pvbatch", "save"),
+    ],
+)
 def test_a_failing_filter_raises_and_the_exit_code_tells(what, how, tmp_path):
     output = tmp_path / "never.vtu"
     done = run(what, HERE / "scripts" / "failing.py", how, output)
@@ -84,3 +94,25 @@ def test_the_tests_of_the_filters_hold_with_paraviews_vtk():
         check=False,
     )
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_a_failure_on_a_server_raises_on_the_client(script):
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        port = free.getsockname()[1]
+    program("pvserver")
+    server = subprocess.Popen(
+        [*LAUNCHER, "pvserver", f"--server-port={port}"],
+        env=environment(),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        for line in server.stdout:
+            if "Accepting connection" in line:
+                break
+        script("remote.py", port)
+    finally:
+        server.terminate()
+        server.wait()
