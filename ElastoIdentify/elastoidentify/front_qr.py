@@ -68,9 +68,12 @@ class FrontQR:
         trailing[len(carry) :] = after
         (reflectors, tau), R, pivot, rank = _rank_revealing_qr(front)
         trailing = _apply_qt(reflectors, tau, trailing)
-        self.blocks.append((R[:rank, :rank], R[:rank, rank:], trailing[:rank, :-1]))
+        # copies: views would keep the whole fronts alive
+        self.blocks.append(
+            (R[:rank, :rank].copy(), R[:rank, rank:].copy(), trailing[:rank, :-1].copy())
+        )
         self.columns.append((columns[pivot[:rank]], columns[pivot[rank:]]))
-        self.rhs.append(trailing[:rank, -1])
+        self.rhs.append(trailing[:rank, -1].copy())
         rest = trailing[rank:]
         if len(rest) > rest.shape[1]:  # keep no more rows than carry information
             rest = np.linalg.qr(rest, mode="r")
@@ -157,6 +160,8 @@ def _rank_revealing_qr(front):
     times slower and needed only to gather such columns at the end.
     """
     n = front.shape[1]
+    if front.size == 0:  # all equations of this front were spent on the one before
+        return (front, np.empty(0)), np.empty((0, n)), np.arange(n), 0
     if len(front) >= n:
         raw, R = la.qr(front, mode="raw", check_finite=False)
         if np.abs(np.diag(R)).min(initial=1.0) > 1e3 * RANK_TOLERANCE:
@@ -166,6 +171,8 @@ def _rank_revealing_qr(front):
 
 
 def _apply_qt(reflectors, tau, matrix):
+    if len(tau) == 0:
+        return matrix
     reflectors = reflectors[:, : len(tau)]  # a front with fewer rows than columns has fewer
     ormqr, work = la.get_lapack_funcs(("ormqr",), (reflectors, matrix))[0], -1
     _, work, _ = ormqr("L", "T", reflectors, tau, matrix, -1)
