@@ -4,6 +4,8 @@ import numpy as np
 
 from .system import BalanceSystem
 
+MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
+
 
 class DisplacementNoise:
     """Gaussian errors of nodal displacements, independent between nodes and trials.
@@ -96,8 +98,11 @@ def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> 
     if scale is None:
         scale = np.nan
         if redundancy:
-            ratio = (left[tells] ** 2) / variance[tells] * (m - 2) / m
-            scale = float(np.sqrt(ratio.mean()))
+            ratio = left[tells] ** 2 / variance[tells]
+            typical = np.median(ratio) / MEDIAN_CHI_SQUARED
+            # where errors have grown without bound, a mean would hear those equations only
+            ratio = ratio.mean() if ratio.mean() < 25 * typical else typical
+            scale = float(np.sqrt(ratio))
         scale = max(scale, noise.round_off) if np.isfinite(scale) else noise.round_off
     return unit * max(scale, noise.round_off), scale, redundancy
 

@@ -37,6 +37,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 
 from .balance import force_matrices, internal_forces, tangent_stiffness
+from .dissection import QuasiDefiniteSolver, nested_dissection
 from .errors import InputError
 from .problem import Estimate, Problem, estimate_from_theta
 from .progress import Progress, silent
@@ -216,6 +217,7 @@ class _Fit:
         self.start = [u.ravel() for u in self.forward.measured]
         self.rng = np.random.default_rng(0)
         self.scale = problem.noise.scale
+        self.order = None
         self.log = []
 
     def theta(self):
@@ -237,7 +239,22 @@ class _Fit:
             row[k + 1] = -(self.scale**2) * (s @ fit.S @ s)
             rows.append(row)
             self.row_scale.append(s)
-        self.solver = spl.splu(sp.bmat(rows, format="csc"), **SYMMETRIC)
+        matrix = sp.bmat(rows, format="csc")
+        if self.order is None:
+            self.order = nested_dissection(matrix, self._places())
+        self.solver = QuasiDefiniteSolver(matrix, self.order)
+
+    def _places(self):
+        """Where the unknowns of the quasi-definite matrix are: groups, then free nodes by trial."""
+        unknowns, mesh = self.problem.unknowns, self.problem.mesh
+        cells = np.flatnonzero(~unknowns.known)
+        count = np.bincount(unknowns.group[cells])[:, None]
+        centres = np.stack(
+            [np.bincount(unknowns.group[cells], x) for x in mesh.centres[cells].T], axis=1
+        )
+        nodes = self.forward.mesh.points[self.forward.free // mesh.dim]
+        groups = np.tile(centres / count, (self.prior.n_fields, 1))
+        return np.vstack([groups, *[nodes] * len(self.fits)])
 
     def solve(self, field_part, force_parts):
         """Return H⁻¹ (field_part + Rᵀ (σ²S)⁻¹ force_parts), H the Gauss-Newton Hessian."""

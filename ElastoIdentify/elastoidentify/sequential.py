@@ -33,10 +33,9 @@ STAGES = (
 )
 # Growing blocks for the sake of conditioning costs a Python loop per block. On meshes with more
 # unknown groups than this round-off has won long before the end, and blocks are grown only where
-# no node is left.
-CAREFUL_UP_TO = 20_000
+# no node is left; graded limits would also break the wave of independent nodes into small batches.
+CAREFUL_UP_TO = 5_000
 FAST_STAGES = (
-    ("nodes", 1e-3),
     ("nodes", CONDITION_LIMIT),
     (SMALL_BLOCKS, CONDITION_LIMIT),
     (LARGE_BLOCKS, CONDITION_LIMIT),

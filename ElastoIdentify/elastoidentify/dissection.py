@@ -1,0 +1,60 @@
+"""Nested dissection of a sparse symmetric matrix whose unknowns have places in space.
+
+Source: George, Nested dissection of a regular finite element mesh, SIAM J. Numer. Anal. 10 (1973),
+with separators by coordinate bisection. Less fill than minimum degree on large planar meshes.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+
+LEAF = 120  # unknowns that are no longer divided
+
+
+def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
+    """Return an elimination order of the unknowns of a symmetric matrix.
+
+    Parameters
+    ----------
+    matrix : (n, n)
+        Its pattern must be symmetric.
+    places : (n, d)
+        Where each unknown is; unknowns coupled by the matrix should be near each other.
+    """
+    pattern = sp.csr_matrix(matrix, dtype=np.float32, copy=True)
+    pattern.data[:] = 1
+    right_side = np.zeros(len(places), np.float32)
+
+    def divide(ids):
+        x = places[ids]
+        along = x[:, np.argmax(np.ptp(x, axis=0))]
+        left = along <= np.median(along)
+        if len(ids) <= LEAF or left.all():
+            return [ids]
+        ours, theirs = ids[left], ids[~left]
+        right_side[theirs] = 1
+        touches = pattern[ours] @ right_side > 0
+        right_side[theirs] = 0
+        return [*divide(ours[~touches]), *divide(theirs), ours[touches]]
+
+    return np.concatenate(divide(np.arange(len(places))))
+
+
+class QuasiDefiniteSolver:
+    """LDLᵀ-like factors of a symmetric quasi-definite matrix in a given order, no pivoting."""
+
+    def __init__(self, matrix: sp.spmatrix, order: np.ndarray):
+        self.order = order
+        permuted = sp.csc_matrix(matrix)[:, order].tocsr()[order].tocsc()
+        self.factors = spl.splu(
+            permuted,
+            permc_spec="NATURAL",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Return the solution for right-hand sides (n,) or (n, m)."""
+        solution = np.empty_like(right, dtype=float)
+        solution[self.order] = self.factors.solve(np.asarray(right, float)[self.order])
+        return solution
