@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse import csgraph
 
 from .balance import internal_forces
 from .elements import CELL_TYPES
@@ -422,7 +424,7 @@ def _result(problem, estimate, plane_stress, warnings):
         lost = ~(np.isfinite(lam) & np.isfinite(mu) & (mu_std < np.abs(mu)))
         # λ of a material like cork is zero, and then its error is measured by μ
         lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
-    status[lost] = STATUS_NOT_DETERMINED
+    status[lost | ~_reached(problem)] = STATUS_NOT_DETERMINED
     status[known] = STATUS_KNOWN
     residuals = _residuals(problem, estimate)
     none = status == STATUS_NOT_DETERMINED
@@ -442,6 +444,22 @@ def _result(problem, estimate, plane_stress, warnings):
     return IdentificationResult(
         lam, mu, young, poisson, lam_std, mu_std, status, order, residuals, report
     )
+
+
+def _reached(problem):
+    """Tell which cells a chain of balance equations ties to the known ones. (n_cells,) bool
+
+    Beyond that the data have no scale: what a fit shows there is its prior.
+    """
+    unknowns, mesh = problem.unknowns, problem.mesh
+    vertex = np.where(unknowns.known, unknowns.n_groups, unknowns.group)  # known cells are one
+    free = mesh.node_cells[~problem.reaction].tocoo()
+    n_rows, n = free.shape[0], unknowns.n_groups + 1
+    edges = sp.coo_matrix(
+        (np.ones(free.nnz, bool), (free.row, n_rows + vertex[free.col])), (n_rows + n,) * 2
+    )
+    piece = csgraph.connected_components(edges, directed=False)[1][n_rows:]
+    return piece[vertex] == piece[-1]
 
 
 def _found_warnings(status, known, typical):

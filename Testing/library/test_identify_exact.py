@@ -242,14 +242,19 @@ def test_one_trial_determines_the_cells_that_lie_in_much_pad_and_no_others(seed,
         assert_exactly(one, one.identify(method), determined, 1e-6)
 
 
-def test_a_piece_that_touches_no_known_cell_is_not_determined():
+def two_pieces():
+    """The same square twice, side by side; only the left one has a pad."""
     points, cells = square_mesh(4, 4, 1, 1)
     left = points[cells].mean(axis=1)[:, 1] > 0.5
     apart = np.vstack([points, points + np.array([3, 0])])
     both = np.vstack([cells, cells + len(points)])
     known = np.r_[left, np.zeros(len(cells), bool)]
     one = bodies.body(apart, both, known, floor_and_top(apart))
-    push_from_above(one, 1.0, DOWN_AND_OBLIQUE)
+    return push_from_above(one, 1.0, DOWN_AND_OBLIQUE)
+
+
+def test_a_piece_that_touches_no_known_cell_is_not_determined():
+    one = two_pieces()
     for method in EXACT:
         result = one.identify(method)
         assert_exactly(one, result, np.r_[np.ones(32, bool), np.zeros(32, bool)], 1e-8)
@@ -390,6 +395,22 @@ def test_motion_across_the_plane_is_dropped_with_a_note_of_its_size():
 
 
 # ------------------------------------------------------------------------------------- what is said
+
+
+@pytest.mark.parametrize("shape", ["wall", "apart"])
+def test_the_fit_does_not_take_its_prior_for_data_where_no_equation_leads(shape):
+    if shape == "wall":
+        one = push_from_above(wall(10), 1.0, DOWN_AND_OBLIQUE)
+        beyond = one.points[one.cells].mean(axis=1)[:, 0] > 0.5
+    else:
+        one = two_pieces()
+        beyond = one.points[one.cells].mean(axis=1)[:, 0] > 2
+    rng = np.random.default_rng(0)
+    one.trials = [u + 1e-4 * rng.standard_normal(u.shape) for u in one.trials]
+    result = one.identify("regularized", refine=1)
+    assert (result.status[beyond] == 0).all()
+    assert np.isnan(result.mu[beyond]).all()
+    assert (result.status[~beyond & ~one.known] == 2).mean() > 0.9
 
 
 @pytest.mark.parametrize("method", EXACT)
