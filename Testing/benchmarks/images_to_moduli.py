@@ -1,0 +1,214 @@
+"""From images to moduli on phantoms whose moduli are known.
+
+    python Testing/benchmarks/images_to_moduli.py                # 2:1, 3:1, 8:1, one seed
+    python Testing/benchmarks/images_to_moduli.py --seeds 0 1 2 --sources informed plain exact
+
+MR texture, 2 % Rician noise, a straight and an oblique push of 5 % of the height, neo-Hookean. A
+seed chooses the noise, the slice of the template and the place of the inclusion. Displacements are
+those of elastix with the information of the images (informed), the same without it (plain), and the
+true ones at the nodes (exact), where what is left is the mesh's own error.
+
+Columns: Young's modulus of tissue and inclusion against the truth, their ratio against the truth
+(targets: 8 % per label; per cell 20 % for the inclusion's median), the mean of |log E/E_true| over
+the unknown cells, the predicted standard deviation of log E of the inclusion, by how many of its
+predicted standard deviations log E is wrong (root mean square over unknown cells), and the report's
+noise: pixels, or with information the multiple of what that predicts (1: calibrated). "flat" is the
+guess that everything is like the pad, without any identification.
+"""
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+from elastoidentify import identify
+from elastoidentify.imaging.elastix_process import ElastixProcess
+from elastoidentify.imaging.io import read_image
+from elastoidentify.imaging.meshing import mesh_segmentation
+from elastoidentify.imaging.phantom import Inclusion, Phantom, make_phantom
+from elastoidentify.imaging.registration import register
+from elastoidentify.imaging.texture import mni152_path, slice_of
+from elastoidentify.pipeline import SYMMETRIC, cell_blocks
+from elastoidentify.terminal import TerminalProgress
+
+PAD, TISSUE, INCLUSION = 1, 2, 3
+SETTINGS = ((92, 0.55, 0.6), (84, 0.45, 0.65), (100, 0.6, 0.55), (76, 0.4, 0.6))  # slice, x, y
+SOURCES = ("informed", "plain", "exact")
+TARGET = {"label": 0.08, "cell": 0.20}
+HEAD = """
+| true | seed | displacements | per | E tissue | E inclusion | ratio | |log E/true| | predicted \
+| z | noise | |
+|---|---|---|---|---|---|---|---|---|---|---|---|"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A phantom, its mesh, and the displacements of its nodes from every source."""
+
+    phantom: Phantom
+    points: np.ndarray
+    cells: list
+    labels: np.ndarray
+    reaction_nodes: np.ndarray
+    displacements: dict  # source → (t, n, 3), mm
+    information: np.ndarray  # (t, n, 3, 3), 1/mm²
+    error_pixels: np.ndarray  # (t,) root mean square error of the registration
+
+    @property
+    def true_young(self) -> np.ndarray:
+        """Young's modulus of every cell, Pa."""
+        young = {label: material.young for label, material in self.phantom.materials.items()}
+        return np.array([young[label] for label in self.labels], float)
+
+    def identify(self, source: str, grouping: str, **options):
+        """Identify E with the phantom's ν and kinematics."""
+        pad = self.phantom.materials[PAD]
+        settings = {
+            "method": "regularized",
+            "unknowns": "young",
+            "poisson_ratio": pad.poisson,
+            "kinematics": self.phantom.parameters["kinematics"],
+        }
+        return identify(
+            self.points,
+            self.cells,
+            self.displacements[source],
+            {PAD: (pad.young, pad.poisson)},
+            labels=self.labels,
+            reaction_nodes=self.reaction_nodes,
+            grouping=grouping,
+            information=self.information if source == "informed" else None,
+            **(settings | options),
+        )
+
+
+def make_case(
+    contrast: float,
+    seed: int,
+    *,
+    edge_pixels: float = 12.0,
+    push: float = 0.05,
+    noise: float = 0.02,
+    elastix: ElastixProcess | None = None,
+    progress=None,
+) -> Case:
+    """Make a phantom, mesh it and register its images."""
+    index, x, y = SETTINGS[seed % len(SETTINGS)]
+    oblique = push * np.sqrt(0.5)
+    made = make_phantom(
+        slice_of(read_image(mni152_path()), index=index),
+        inclusions=[Inclusion(x, y, contrast=contrast)],
+        pushes=((0.0, push), (oblique, oblique)),
+        noise=noise,
+        seed=seed,
+        kinematics="neo-hookean",
+        progress=progress,
+    )
+    pixel = made.rest.spacing[0]
+    mesh = mesh_segmentation(made.segmentation, edge_pixels * pixel, rigid_labels=made.rigid_labels)
+    found = register(
+        made.rest, made.pushed, mesh.points, mesh.cells, elastix=elastix, progress=progress
+    )
+    exact = made.displacements(mesh.points)
+    error = np.sqrt(((found.displacements - exact) ** 2).sum(-1).mean(-1)) / pixel
+    measured = found.displacements
+    return Case(
+        made,
+        mesh.points,
+        cell_blocks(mesh.cells),
+        mesh.labels,
+        mesh.reaction_nodes.astype(bool),
+        {"informed": measured, "plain": measured, "exact": exact},
+        found.information[..., SYMMETRIC],
+        error,
+    )
+
+
+def figures(case: Case, young: np.ndarray, relative_std: np.ndarray) -> dict:
+    """Return how a map of E compares with the truth."""
+    unknown = case.labels != PAD
+    median = {one: np.nanmedian(young[case.labels == one]) for one in (TISSUE, INCLUSION)}
+    true = {one: case.phantom.materials[one].young for one in (TISSUE, INCLUSION)}
+    error = np.log(young / case.true_young)[unknown]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = error / relative_std[unknown]
+    return {
+        "tissue": median[TISSUE] / true[TISSUE] - 1,
+        "inclusion": median[INCLUSION] / true[INCLUSION] - 1,
+        "ratio": median[INCLUSION] / median[TISSUE],
+        "ratio_error": median[INCLUSION] / median[TISSUE] / (true[INCLUSION] / true[TISSUE]) - 1,
+        "error": np.nanmean(np.abs(error)),
+        "predicted": np.nanmedian(relative_std[case.labels == INCLUSION]),
+        "z": np.sqrt(np.nanmean(z**2)),
+    }
+
+
+def print_case(case: Case, seed: int, sources, groupings, **options) -> None:
+    """Print the lines of a case, the flat guess first."""
+    true = case.phantom.materials[INCLUSION].young / case.phantom.materials[TISSUE].young
+    name = f"| {true:g}:1 | {seed} |"
+    everything_like_the_pad = np.full(len(case.labels), case.phantom.materials[PAD].young)
+    flat = figures(case, everything_like_the_pad, np.full(len(case.labels), np.nan))
+    print(f"{name} flat | – {_columns(flat)} | – | – | – | |")
+    for source in sources:
+        for grouping in groupings:
+            result = case.identify(source, grouping, **options)
+            found = figures(case, result.young, result.mu_std / result.mu)
+            scale = result.report["noise_scale"]
+            if source != "informed":
+                scale /= case.phantom.rest.spacing[0]
+            judged = found["ratio_error"] if grouping == "label" else found["inclusion"]
+            verdict = "met" if abs(judged) <= TARGET[grouping] else "MISSED"
+            print(
+                f"{name} {source} | {grouping} {_columns(found)} | {found['predicted']:.3f} "
+                f"| {found['z']:.1f} | {scale:.2f} | {verdict} |",
+                flush=True,
+            )
+
+
+def _columns(found: dict) -> str:
+    return (
+        f"| {found['tissue']:+.1%} | {found['inclusion']:+.1%} "
+        f"| {found['ratio']:.2f} ({found['ratio_error']:+.1%}) | {found['error']:.3f}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--contrasts", nargs="+", type=float, default=[2, 3, 8])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--sources", nargs="+", choices=SOURCES, default=["informed", "exact"])
+    parser.add_argument("--groupings", nargs="+", choices=tuple(TARGET), default=list(TARGET))
+    parser.add_argument("--edge-pixels", type=float, default=12.0)
+    parser.add_argument("--push", type=float, default=0.05, help="share of the block's height")
+    parser.add_argument("--noise", type=float, default=0.02, help="share of the signal")
+    parser.add_argument("--refine", type=int, choices=(1, 4, 16), help="default: by the method")
+    parser.add_argument("--kinematics", default="neo-hookean", help="of the identification")
+    arguments = parser.parse_args()
+    print(HEAD, flush=True)
+    with ElastixProcess() as elastix:
+        for seed in arguments.seeds:
+            for contrast in arguments.contrasts:
+                with TerminalProgress(f"phantom {contrast:g}:1, seed {seed}") as progress:
+                    case = make_case(
+                        contrast,
+                        seed,
+                        edge_pixels=arguments.edge_pixels,
+                        push=arguments.push,
+                        noise=arguments.noise,
+                        elastix=elastix,
+                        progress=progress,
+                    )
+                print_case(
+                    case,
+                    seed,
+                    arguments.sources,
+                    arguments.groupings,
+                    refine=arguments.refine,
+                    kinematics=arguments.kinematics,
+                )
+
+
+if __name__ == "__main__":
+    main()
