@@ -1,0 +1,135 @@
+"""Forward data for claims about noise: a finer mesh and another element type than identification.
+
+A square body with a soft-tissue inclusion and a known strip on top, pushed at the top, solved with
+scikit-fem on quadratic quadrilaterals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import skfem
+from elastoidentify.pushing import square_mesh
+from scipy.spatial import Delaunay, cKDTree
+from skfem.helpers import ddot, sym_grad, trace
+
+
+@dataclass
+class Case:
+    """A body of side 30 (mm): E = 1, inclusion E = `contrast`, the top strip known with E = 1."""
+
+    points: np.ndarray
+    cells: np.ndarray
+    displacements: np.ndarray  # exact, (n_trials, n_nodes, 2)
+    young: np.ndarray  # true E per cell
+    known: np.ndarray  # (n_cells,) bool
+    poisson: float
+    from_edge: np.ndarray  # distance of each cell's centre from the inclusion's edge
+
+    @property
+    def reaction(self):
+        y = self.points[:, 1]
+        return (y < 1e-9) | (y > SIDE - 1e-9)
+
+    @property
+    def materials(self):
+        """E, ν of the known cells, NaN elsewhere: (n_cells, 2)."""
+        return np.where(self.known[:, None], [1.0, self.poisson], np.nan)
+
+    @property
+    def mu(self):
+        return self.young / (2 * (1 + self.poisson))
+
+    def noisy(self, std, seed):
+        noise = np.random.default_rng(seed).standard_normal(self.displacements.shape)
+        return self.displacements + std * noise
+
+
+SIDE = 30.0
+
+
+def squares(n, poisson=0.43, contrast=3.0, radius=0.15, pushes=((0, -1.5), (-1.06, -1.06))):
+    """n×n squares of two triangles, which cut the inclusion's edge as they come."""
+    points, cells = square_mesh(n, n, SIDE, SIDE)
+    return _case(points, cells, (15.0, 12.0), radius * SIDE, poisson, contrast, pushes, 7.5)
+
+
+def published(poisson=0.495, contrast=5.0, edge=1.185, follows_edge=True, pushes=((0, -0.3),)):
+    """About 1 410 unstructured triangles, one push: like a published comparison problem."""
+    centre, radius = (15.0, 15.0), 4.6
+    points, cells = _disc_mesh(centre, radius, edge, follows_edge)
+    return _case(points, cells, centre, radius, poisson, contrast, pushes, 3.0)
+
+
+def _case(points, cells, centre, radius, poisson, contrast, pushes, strip):
+    from_edge = np.hypot(*(points[cells].mean(axis=1) - centre).T) - radius
+    young = np.where(from_edge < 0, contrast, 1.0)
+    known = points[cells].mean(axis=1)[:, 1] > SIDE - strip
+    u = _solve(points, centre, radius, poisson, contrast, pushes)
+    return Case(points, cells, u, young, known, poisson, from_edge)
+
+
+def _solve(points, centre, radius, poisson, contrast, pushes, n=60):
+    line = np.linspace(0, SIDE, n + 1)
+    mesh = skfem.MeshQuad.init_tensor(line, line)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=5)
+
+    @skfem.BilinearForm
+    def stiffness(u, v, w):
+        x, y = w.x
+        inside = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 < radius**2
+        E = np.where(inside, contrast, 1.0)
+        lam, mu = E * poisson / ((1 + poisson) * (1 - 2 * poisson)), E / (2 * (1 + poisson))
+        eu, ev = sym_grad(u), sym_grad(v)
+        return lam * trace(eu) * trace(ev) + 2 * mu * ddot(eu, ev)
+
+    K = stiffness.assemble(basis)
+    top = basis.get_dofs(lambda x: np.isclose(x[1], SIDE))
+    floor = basis.get_dofs(lambda x: np.isclose(x[1], 0))
+    fixed = np.unique(np.concatenate([top.all(), floor.all()]))
+    probe = basis.probes(np.clip(points.T, 1e-9, SIDE - 1e-9))
+    solutions = []
+    for push in pushes:
+        u = np.zeros(basis.N)
+        for name, size in zip(("u^1", "u^2"), push, strict=True):
+            u[top.all([name])] = size
+        u = skfem.solve(*skfem.condense(K, np.zeros(basis.N), x=u, D=fixed))
+        solutions.append((probe @ u).reshape(2, -1).T)
+    return np.array(solutions)
+
+
+def _disc_mesh(centre, radius, edge, follows_edge, strip=3.0, seed=0):
+    """Delaunay triangles of a square; nodes on the strip's border and, if asked, on the disc's."""
+    line = np.linspace(0, SIDE, round(SIDE / edge) + 1)
+    inner = line[1:-1]
+    border = np.vstack(
+        [np.column_stack(pair) for pair in (
+            (line, 0 * line), (line, 0 * line + SIDE), (0 * inner, inner), (0 * inner + SIDE, inner)
+        )]
+    )  # fmt: skip
+    corner = np.isclose(border[:, 0] % SIDE, 0) & (abs(border[:, 1] - SIDE + strip) < 0.6 * edge)
+    fixed = [border[~corner], np.column_stack([line, 0 * line + SIDE - strip])]
+    if follows_edge:
+        angle = np.arange(round(2 * np.pi * radius / edge)) * edge / radius
+        angle *= 2 * np.pi / (len(angle) * edge / radius)
+        fixed.append(centre + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    fixed = np.vstack(fixed)
+    x, y = np.meshgrid(np.arange(0, SIDE, edge), np.arange(0, SIDE, edge * np.sqrt(3) / 2))
+    x[1::2] += edge / 2
+    free = np.column_stack([x.ravel(), y.ravel()])
+    free = free[((free > 0.4 * edge) & (free < SIDE - 0.4 * edge)).all(axis=1)]
+    free = free[cKDTree(fixed).query(free)[0] > 0.65 * edge]
+    points = np.vstack([fixed, free])
+    points[len(fixed) :] += np.random.default_rng(seed).uniform(-0.1, 0.1, free.shape) * edge
+    for _ in range(10):
+        cells = Delaunay(points).simplices
+        total, count = np.zeros_like(points), np.zeros(len(points))
+        for i, j in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
+            np.add.at(total, cells[:, i], points[cells[:, j]])
+            np.add.at(count, cells[:, i], 1)
+        points[len(fixed) :] = (total / count[:, None])[len(fixed) :]
+    cells = Delaunay(points).simplices
+    x = points[cells]
+    sides = x[:, 1:] - x[:, :1]
+    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    cells[area < 0] = cells[area < 0][:, ::-1]
+    return points, cells[abs(area) > 1e-3 * edge**2]
