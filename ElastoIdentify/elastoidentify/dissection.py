@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 
 LEAF = 120  # unknowns that are no longer divided
+EVERYWHERE = 10  # an unknown coupled to this many times the median number is coupled everywhere
 
 
 def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
@@ -19,17 +20,20 @@ def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
     matrix : (n, n)
         Its pattern must be symmetric.
     places : (n, d)
-        Where each unknown is; unknowns coupled by the matrix should be near each other.
+        Where each unknown is; unknowns coupled by the matrix should be near each other. Those
+        coupled to very many, as a label is to all its nodes, have no place and come last.
     """
     pattern = sp.csr_matrix(matrix, dtype=np.float32, copy=True)
     pattern.data[:] = 1
     right_side = np.zeros(len(places), np.float32)
 
     def divide(ids):
+        if len(ids) <= LEAF:
+            return [ids]
         x = places[ids]
         along = x[:, np.argmax(np.ptp(x, axis=0))]
         left = along <= np.median(along)
-        if len(ids) <= LEAF or left.all():
+        if left.all():
             return [ids]
         ours, theirs = ids[left], ids[~left]
         right_side[theirs] = 1
@@ -37,7 +41,9 @@ def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
         right_side[theirs] = 0
         return [*divide(ours[~touches]), *divide(theirs), ours[touches]]
 
-    return np.concatenate(divide(np.arange(len(places))))
+    coupled = np.diff(pattern.indptr)
+    everywhere = coupled > EVERYWHERE * np.median(coupled)
+    return np.concatenate([*divide(np.flatnonzero(~everywhere)), np.flatnonzero(everywhere)])
 
 
 class QuasiDefiniteSolver:
