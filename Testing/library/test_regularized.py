@@ -46,7 +46,7 @@ def test_inclusion_of_three_is_found_through_noise(
     )
     assert np.median(error) <= typical_limit
     assert abs(found - 1) <= inclusion_limit
-    assert error.mean() < 0.5 * flat.mean()  # and the map as a whole beats the flat guess
+    assert error.mean() < (0.5 if noise < 0.01 else 0.8) * flat.mean()  # the whole map, edge too
     assert result.report["noise_scale"] == pytest.approx(std, rel=0.1)
 
 
