@@ -4,7 +4,8 @@ The Truth Cube (Kerdok et al., Medical Image Analysis 7, 2003) is one silicone w
 pushed along z. The beads are the nodes of 6 × 6 × 6 hexahedra. A layer of cells at one end is the
 known pad, the others are identified: they must come out as stiff as the pad, and all alike. Every
 bead on the lattice's outside bears forces of the silicone around it, so only the 125 inner beads
-have a balance equation.
+have a balance equation. A computed twin of the cube (finer mesh, plates that stick) with the noise
+of the beads tells what the same chain makes of a cube that is certainly uniform.
 
 Reads `uniaxial_positions.csv` (see README.md beside it) from the folder given, by default
 `../shared/data/truthcube` beside the repository.
@@ -14,22 +15,25 @@ import argparse
 import csv
 import itertools
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from elastoidentify import InputError, identify
 from elastoidentify.identification import IdentificationResult
 from elastoidentify.imaging.displacement_sources import displacement_from_points
+from elastoidentify.materials import lame_from_young
 from elastoidentify.progress import silent
+from elastoidentify.pushing import box_mesh, solve_push
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "truthcube"
 YOUNG = 15.3  # kPa, according to the data's README
-POISSON = 0.49  # the material's 0.499 locks cells that are linear: see docs/evidence.md
+POISSON = 0.49  # the material's 0.499 locks linear cells: see docs/evidence.md
 NOISE = np.array([0.10, 0.27, 0.10])  # mm, of a bead's displacement along x, y, z
 KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
 BEADS, LAYERS = 7, 6
 PAD = 1  # label of the known layer
+TWINS = {"twin, no noise": None, "twin, noise 1": 1, "twin, noise 2": 2}
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
@@ -94,6 +98,30 @@ def read_truth_cube(folder: str | Path = FOLDER) -> TruthCube:
     place = expected - 1
     outside = ((place == 0) | (place == LAYERS)).any(axis=1)
     return TruthCube(rest, np.array(displacements), np.stack(corners, 1), index, outside)
+
+
+def twin(cube: TruthCube, seed: int | None = 0, compression: float = 0.1825) -> TruthCube:
+    """Return a computed cube of 80 mm with one trial, beads 10 mm apart.
+
+    A quarter is solved (neo-Hookean, ν = 0.49, cells of 5 mm) between plates that stick; `seed` is
+    that of the beads' noise, None for none.
+    """
+    side, step = 80.0, 5.0
+    points, cells = box_mesh((8, 8, 16), (side / 2, side / 2, side))
+    lam, mu = (np.full(len(cells), value) for value in lame_from_young(YOUNG, 0.49))
+    bottom, top = np.isclose(points[:, 2], 0), np.isclose(points[:, 2], side)
+    held = np.isclose(points, 0) & [True, True, False]
+    held[bottom | top] = True
+    shift = np.zeros_like(points)
+    shift[bottom, 2] = compression * side
+    u = solve_push(points, cells, lam, mu, held, shift, kinematics="neo-hookean")
+    bead = np.array(list(itertools.product(range(BEADS), repeat=3)))
+    rest = 10.0 * (bead - [3, 3, 0]) * [1, 1, -1] + [0, 0, 70]
+    place = np.rint(np.abs(rest) / step).astype(int)  # nodes run along x, then y, then z
+    moved = u[place @ [1, 9, 81]] * np.where(rest < 0, -1, 1)
+    if seed is not None:
+        moved = moved + NOISE * np.random.default_rng(seed).standard_normal(moved.shape)
+    return replace(cube, points=rest, displacements=moved[None])
 
 
 def bead_noise(cube: TruthCube) -> np.ndarray:
@@ -162,9 +190,13 @@ def identify_cube(
     )
 
 
-def log_moduli(result: IdentificationResult, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return log(E / E of the pad) and its predicted std, one value per label but the pad."""
-    first = np.unique(labels, return_index=True)[1][1:]
+def log_moduli(
+    result: IdentificationResult, labels: np.ndarray, per_cell: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return log(E / E of the pad) and its predicted std, per label but the pad's, or per cell."""
+    first = np.flatnonzero(labels != PAD)
+    if not per_cell:
+        first = np.unique(labels, return_index=True)[1][1:]
     return np.log(result.young[first] / YOUNG), result.mu_std[first] / result.mu[first]
 
 
@@ -181,50 +213,47 @@ def facts(cube: TruthCube) -> dict:
     }
 
 
-def ratio_rows(cube: TruthCube, cases) -> list[str]:
-    """Return table lines: pad / rest with its uncertainty for each case of keywords."""
-    lines = []
-    for known, options in cases:
-        labels = rest_of_the_cube(cube, known)
-        result = identify_cube(cube, labels, **options)
-        (log,), (std,) = log_moduli(result, labels)
-        lines.append(
-            f"| {options['kinematics']:<20} | {options['poisson']:<5} | {_end(known):<6} "
-            f"| {_trials(options):<5} | {options.get('refine', 1)} "
-            f"| {np.exp(-log):5.2f} ×÷ {np.exp(std):.2f} | {abs(log) / std:4.1f} "
-            f"| {result.report['noise_scale']:.2f} |"
-        )
-        print(lines[-1], flush=True)
-    return lines
+RATIO_HEAD = """
+| body | kinematics | ν | pad | trials | refine | E pad / E rest | off by | noise |
+|---|---|---|---|---|---|---|---|---|"""
+FLAT_HEAD = """
+| body | kinematics | ν | trials | groups | spread of log E | predicted | E / E of the pad |
+|---|---|---|---|---|---|---|---|"""
 
 
-def flatness_rows(cube: TruthCube, cases) -> None:
-    """Print table lines: spread of log E over groups or cells beside the predicted one."""
-    for known, name, grouping, options in cases:
-        labels = {"layers": layers, "columns": columns, "cells": rest_of_the_cube}[name](
-            cube, known
-        )
-        result = identify_cube(cube, labels, grouping=grouping, **options)
-        if grouping == "cell":
-            unknown = labels != PAD
-            log = np.log(result.young[unknown] / YOUNG)
-            std = (result.mu_std / result.mu)[unknown]
-        else:
-            log, std = log_moduli(result, labels)
-        print(
-            f"| {options['kinematics']:<20} | {options['poisson']:<5} | {_end(known):<6} "
-            f"| {len(log):>3} {name:<8} | {log.std():.3f} | {np.sqrt((std**2).mean()):.3f} "
-            f"| {' '.join(f'{np.exp(v):.2f}' for v in log) if len(log) < 12 else ''} |",
-            flush=True,
-        )
+def print_ratio(body: str, cube: TruthCube, known: int, **options) -> None:
+    """Print a table line: E of the pad over E of the rest, with its uncertainty."""
+    labels = rest_of_the_cube(cube, known)
+    result = identify_cube(cube, labels, **options)
+    (log,), (std,) = log_moduli(result, labels)
+    print(
+        f"| {_words(body, options, _END[known])} | {options.get('refine', 1)} "
+        f"| {np.exp(-log):.2f} ×÷ {np.exp(std):.2f} | {abs(log) / std:.1f} std "
+        f"| {result.report['noise_scale']:.2f} |",
+        flush=True,
+    )
 
 
-def _end(known: int) -> str:
-    return "top" if known == 0 else "bottom"
+def print_flatness(body: str, cube: TruthCube, grouping: str, **options) -> None:
+    """Print a table line: spread of log E over groups or cells beside the predicted one."""
+    labels = {"layers": layers, "columns": columns, "cells": rest_of_the_cube}[grouping](cube, 0)
+    per_cell = grouping == "cells"
+    result = identify_cube(cube, labels, grouping="cell" if per_cell else "label", **options)
+    log, std = log_moduli(result, labels, per_cell)
+    values = "" if per_cell else " ".join(f"{np.exp(v):.2f}" for v in log)
+    print(
+        f"| {_words(body, options)} | {len(log)} {grouping} | {log.std():.3f} "
+        f"| {np.sqrt((std**2).mean()):.3f} | {values} |",
+        flush=True,
+    )
 
 
-def _trials(options) -> str:
-    return "".join(str(t + 1) for t in options.get("trials", (0, 1, 2)))
+_END = {0: "top", 5: "bottom"}
+
+
+def _words(body, options, *more) -> str:
+    trials = "+".join(str(t + 1) for t in options["trials"])
+    return " | ".join([body, options["kinematics"], f"{options['poisson']:g}", *more, trials])
 
 
 def main() -> None:
@@ -234,31 +263,26 @@ def main() -> None:
     options = parser.parse_args()
     cube = read_truth_cube(options.folder)
     print(json.dumps(facts(cube), indent=1))
-    print("\n| kinematics | ν | pad | trials | refine | E pad / E rest | off by std | noise |")
-    last = {"trials": (2,)}
-    cases = [
-        (known, {"kinematics": kinematics, "poisson": POISSON})
-        for known in (0, 5)
-        for kinematics in KINEMATICS
-    ]
-    cases += [
-        (known, {"kinematics": "neo-hookean", "poisson": poisson, **last})
-        for known in (0, 5)
-        for poisson in (0.45, 0.48, 0.49, 0.499)
-    ]
-    if options.refined:
-        cases += [
-            (known, {"kinematics": "neo-hookean", "poisson": POISSON, **last, "refine": 4})
-            for known in (0, 5)
-        ]
-    ratio_rows(cube, cases)
-    print("\n| kinematics | ν | pad | groups | std of log E | predicted | E / E of the pad |")
-    flat = [
-        (0, name, grouping, {"kinematics": kinematics, "poisson": POISSON})
-        for kinematics in KINEMATICS
-        for name, grouping in (("layers", "label"), ("columns", "label"), ("cells", "cell"))
-    ]
-    flatness_rows(cube, flat)
+    print(RATIO_HEAD)
+    for known in _END:
+        for kinematics, trials in itertools.product(KINEMATICS, ((2,), (0, 1, 2))):
+            settings = {"kinematics": kinematics, "poisson": POISSON, "trials": trials}
+            print_ratio("silicone", cube, known, **settings)
+        settings = {"kinematics": "neo-hookean", "trials": (2,)}
+        for poisson in (0.45, 0.48, 0.499):
+            print_ratio("silicone", cube, known, **settings, poisson=poisson)
+        if options.refined:
+            print_ratio("silicone", cube, known, **settings, poisson=POISSON, refine=4)
+        settings["trials"] = (0,)
+        for (name, seed), poisson in itertools.product(TWINS.items(), (0.45, 0.49)):
+            print_ratio(name, twin(cube, seed), known, **settings, poisson=poisson)
+    print(FLAT_HEAD)
+    for kinematics, grouping in itertools.product(KINEMATICS, ("layers", "columns", "cells")):
+        settings = {"kinematics": kinematics, "poisson": POISSON, "trials": (2,)}
+        print_flatness("silicone", cube, grouping, **settings)
+    for grouping in ("layers", "columns", "cells"):
+        settings = {"kinematics": "neo-hookean", "poisson": POISSON, "trials": (0,)}
+        print_flatness("twin, noise 1", twin(cube, 1), grouping, **settings)
 
 
 if __name__ == "__main__":
