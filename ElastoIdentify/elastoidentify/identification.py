@@ -270,6 +270,11 @@ def _problem(
     if refine not in (None, 1, 4, 16):
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
     metric = _information(frame, information, u)
+    if metric is not None and noise is not None:
+        frame.notes.append(
+            "the noise given was not used: the displacement information says how large the error "
+            "of every displacement is, up to one factor, which is estimated"
+        )
     errors = DisplacementNoise(u, metric, noise if metric is None else None)
     law = KINEMATICS[kinematics]
     return Problem(mesh, law, u, made, reaction, errors, refine), labels

@@ -179,3 +179,12 @@ def test_progress_grows_from_zero_to_one(good, method):
 def test_blocks_without_cells_are_as_good_as_none(good):
     cells = [("quad", np.empty((0, 4), int)), ("triangle", good["cells"])]
     assert (ei.identify(**(good | {"cells": cells})).status > 0).all()
+
+
+def test_noise_beside_information_is_said_to_be_unused(good):
+    information = INFORMATION / 1e-4**2
+    plain = ei.identify(**(good | {"information": information}))
+    both = ei.identify(**(good | {"information": information, "noise": 0.1}))
+    assert np.array_equal(plain.mu_std, both.mu_std)
+    assert any("noise given was not used" in text for text in both.report["warnings"])
+    assert not any("noise given" in text for text in plain.report["warnings"])
