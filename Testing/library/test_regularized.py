@@ -26,9 +26,9 @@ def squares():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unknowns", ["young", "lambda-mu"])
 @pytest.mark.parametrize(
-    ("noise", "typical_limit", "inclusion_limit"), [(0.005, 0.04, 0.10), (0.02, 0.12, 0.30)]
+    ("unknowns", "noise", "typical_limit", "inclusion_limit"),
+    [("young", 0.005, 0.04, 0.10), ("young", 0.02, 0.12, 0.30), ("lambda-mu", 0.02, 0.12, 0.30)],
 )
 def test_inclusion_of_three_is_found_through_noise(
     squares, unknowns, noise, typical_limit, inclusion_limit
@@ -63,7 +63,7 @@ def test_small_inclusion_problem_beats_the_flat_guess_and_finds_the_noise():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.3, 3.5, 10.9])
+@pytest.mark.parametrize("noise", [0.3, 7.1])
 def test_published_comparison_problem(noise):
     case = forward.published()
     u = case.displacements
