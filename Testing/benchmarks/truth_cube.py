@@ -16,6 +16,7 @@ import csv
 import itertools
 import json
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -100,11 +101,19 @@ def read_truth_cube(folder: str | Path = FOLDER) -> TruthCube:
     return TruthCube(rest, np.array(displacements), np.stack(corners, 1), index, outside)
 
 
-def twin(cube: TruthCube, seed: int | None = 0, compression: float = 0.1825) -> TruthCube:
-    """Return a computed cube of 80 mm with one trial, beads 10 mm apart.
+def twin(cube: TruthCube, seed: int | None = 0) -> TruthCube:
+    """Return a computed cube with one trial; `seed` is that of the beads' noise, None for none."""
+    rest, moved = _twin()
+    if seed is not None:
+        moved = moved + NOISE * np.random.default_rng(seed).standard_normal(moved.shape)
+    return replace(cube, points=rest, displacements=moved[None])
 
-    A quarter is solved (neo-Hookean, ν = 0.49, cells of 5 mm) between plates that stick; `seed` is
-    that of the beads' noise, None for none.
+
+@cache
+def _twin(compression: float = 0.1825) -> tuple[np.ndarray, np.ndarray]:
+    """Solve a cube of 80 mm with beads 10 mm apart: their positions and displacements, (343, 3).
+
+    A quarter is solved (neo-Hookean, ν = 0.49, cells of 5 mm) between plates that stick.
     """
     side, step = 80.0, 5.0
     points, cells = box_mesh((8, 8, 16), (side / 2, side / 2, side))
@@ -118,10 +127,7 @@ def twin(cube: TruthCube, seed: int | None = 0, compression: float = 0.1825) -> 
     bead = np.array(list(itertools.product(range(BEADS), repeat=3)))
     rest = 10.0 * (bead - [3, 3, 0]) * [1, 1, -1] + [0, 0, 70]
     place = np.rint(np.abs(rest) / step).astype(int)  # nodes run along x, then y, then z
-    moved = u[place @ [1, 9, 81]] * np.where(rest < 0, -1, 1)
-    if seed is not None:
-        moved = moved + NOISE * np.random.default_rng(seed).standard_normal(moved.shape)
-    return replace(cube, points=rest, displacements=moved[None])
+    return rest, u[place @ [1, 9, 81]] * np.where(rest < 0, -1, 1)
 
 
 def bead_noise(cube: TruthCube) -> np.ndarray:
