@@ -133,6 +133,7 @@ def run_command(phantom, folder: Path) -> str:
         f"--known {pad}:E={material.young:g},nu={material.poisson:g}",
         *(f"--rigid {label}" for label in phantom.rigid_labels),
         f"--unknowns young --poisson {material.poisson:g}",
+        f"--kinematics {phantom.parameters['kinematics']}",
         f"-o {folder / 'map.vtu'} --picture {folder / 'map.png'} --table {folder / 'map.csv'}",
     ]
     return " ".join(words)
@@ -374,9 +375,10 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
         lines.append(
             f"prior: weight {weights} chosen by {report.get('prior_rule')}; "
             f"{figure(report.get('effective_parameters'))} effective of "
-            f"{report.get('parameters')} parameters; misfit {figure(report.get('misfit'))} "
-            "(1: as large as the noise)"
+            f"{report.get('parameters')} parameters"
         )
+    if report.get("misfit") is not None:
+        lines.append(f"misfit: {figure(report['misfit'])} (1: as large as the noise)")
     return lines
 
 

@@ -178,7 +178,8 @@ class Prior:
         self.field = np.repeat(np.arange(self.n_fields), m)
         self.n_groups, self.anchor = n, anchor
         std = [ANCHOR_STD["modulus"], ANCHOR_STD["ratio"]][: self.n_fields]
-        self.precision = np.repeat(1 / np.square(std), n)
+        # of the mean of a field: an anchor at every cell would add up to a bias of the scale
+        self.precision = np.repeat(1 / (n * np.square(std)), n)
 
     def weigh(self, weights):
         """Return P = Dᵀ diag(weights) D + anchor and a root of it."""
@@ -290,7 +291,7 @@ class _Fit:
             "noise_given": self.problem.noise.scale is not None,
             "misfit": self.misfit / self.scale**2 / max(self.forward.n_equations, 1),
             "effective_parameters": self.effective,
-            "prior_weight": [float(w) for w in self.weight],
+            "prior_weight": [float(w) for w in self.weight] if len(self.prior.size) else [],
             "prior_rule": "variational Bayes of total variation, then reweighted",
             "refine": self.refine,
             "iterations": len(self.log),
