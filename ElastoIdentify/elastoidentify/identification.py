@@ -11,7 +11,13 @@ from .balance import internal_forces
 from .elements import CELL_TYPES
 from .errors import InputError
 from .kinematics import KINEMATICS
-from .materials import admissible, check_material, lambda_from_plane_stress, young_from_lame
+from .materials import (
+    NEGLIGIBLE_LAMBDA,
+    admissible,
+    check_material,
+    lambda_from_plane_stress,
+    young_from_lame,
+)
 from .mesh import Mesh, plane_frame
 from .methods import METHODS
 from .noise import DisplacementNoise
@@ -20,7 +26,6 @@ from .progress import Progress, silent
 from .unknowns import make_unknowns
 
 STATUS_NOT_DETERMINED, STATUS_KNOWN, STATUS_IDENTIFIED, STATUS_OUT_OF_RANGE = range(4)
-NEGLIGIBLE_LAMBDA = 0.01  # of μ
 
 
 @dataclass

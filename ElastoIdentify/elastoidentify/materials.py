@@ -7,6 +7,8 @@ import numpy as np
 
 from .errors import InputError
 
+NEGLIGIBLE_LAMBDA = 0.01  # of μ: an error of λ below this tells nothing about a material
+
 
 def lame_from_young(young, poisson):
     """Return λ = νE/((1+ν)(1−2ν)), μ = E/(2(1+ν)); source paper, section on plane strain."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .front_qr import FrontQR
+from .materials import NEGLIGIBLE_LAMBDA
 from .noise import propagate
 from .problem import Estimate, Problem, estimate_from_theta
 from .progress import Progress, part
@@ -26,10 +27,13 @@ def sequential(problem: Problem, progress: Progress | None = None) -> Estimate:
     theta = walk.solve(system.b[:, None])[:, 0]
     errors, scale, redundancy = propagate(system, problem.noise, theta, walk.solve)
     per_group = problem.unknowns.per_group
+    size = np.abs(theta).reshape(-1, per_group)
+    # λ of a material like cork is zero, and then its error is measured by μ
+    size = np.maximum(size, NEGLIGIBLE_LAMBDA * size[:, -1:])
     with np.errstate(invalid="ignore"):
-        lost = ~(np.sqrt((errors**2).mean(axis=1)) < np.abs(theta))
+        lost = ~(np.sqrt((errors**2).mean(axis=1)).reshape(-1, per_group) < size)
     # a cell whose error has outgrown its value takes along all that was found from it
-    theta[np.repeat(walk.spoiled(lost.reshape(-1, per_group).any(axis=1)), per_group)] = np.nan
+    theta[np.repeat(walk.spoiled(lost.any(axis=1)), per_group)] = np.nan
     return estimate_from_theta(
         problem, theta, errors, walk.order, method="sequential", noise_scale=scale,
         redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),

@@ -101,8 +101,9 @@ def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> 
             ratio = left[tells] ** 2 / variance[tells]
             typical = np.median(ratio) / MEDIAN_CHI_SQUARED
             # where errors have grown without bound, a mean would hear those equations only
-            ratio = ratio.mean() if ratio.mean() < 25 * typical else typical
-            scale = float(np.sqrt(ratio))
+            # (m − 2)/m: the mean of 1/variance from m samples is too large by its inverse
+            mean = ratio.mean() * (m - 2) / m
+            scale = float(np.sqrt(mean if mean < 25 * typical else typical))
         scale = max(scale, noise.round_off) if np.isfinite(scale) else noise.round_off
     return unit * max(scale, noise.round_off), scale, redundancy
 

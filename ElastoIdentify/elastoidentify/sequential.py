@@ -31,6 +31,9 @@ STAGES = (
     ("nodes", CONDITION_LIMIT),
     (LARGE_BLOCKS, CONDITION_LIMIT),
 )
+# On small meshes blocks are preferred to nodes that lose more than two digits.
+THOROUGH_UP_TO = 1_000
+THOROUGH_STAGES = (STAGES[0], (SMALL_BLOCKS, 1e-2), *STAGES[1:])
 # Growing blocks for the sake of conditioning costs a Python loop per block. On meshes with more
 # unknown groups than this round-off has won long before the end, and blocks are grown only where
 # no node is left; graded limits would also break the wave of independent nodes into small batches.
@@ -240,7 +243,9 @@ def plan_walk(system: BalanceSystem, progress: Progress | None = None) -> Walk:
     nodes = np.arange(plan.c.n_nodes)
     plan.assess(nodes)
     candidates = nodes[plan.condition > CONDITION_LIMIT]
-    stages = STAGES if plan.c.n_groups <= CAREFUL_UP_TO else FAST_STAGES
+    stages = FAST_STAGES
+    if plan.c.n_groups <= CAREFUL_UP_TO:
+        stages = THOROUGH_STAGES if plan.c.n_groups <= THOROUGH_UP_TO else STAGES
     in_vain = [np.zeros(plan.c.n_nodes, bool) for _ in stages]  # seeds tried, unchanged since
     while True:
         first_step = len(plan.steps)
@@ -266,9 +271,13 @@ def _front_order(plan, system):
     order = np.full(plan.c.n_groups, -1)
     if not plan.steps:
         return order
+    front = np.zeros(plan.c.n_groups + 1, int)  # of each group found so far
     keys, owners, number = [], [], 0
     for time, step in enumerate(plan.steps):
         level = system.node_level[step.nodes].min(axis=1)
+        # never before the groups that it rests on
+        level = np.maximum(level, front[plan.c.groups[step.nodes]].max(axis=(1, 2)))
+        front[step.groups] = level[:, None]
         keys.append(np.column_stack([level, np.full(len(level), time), step.nodes.min(axis=1)]))
         owners.append((step.groups, number + np.arange(len(level))))
         number += len(level)
