@@ -154,7 +154,7 @@ def print_case(case: Case, seed: int, sources, groupings, **options) -> None:
     true = case.phantom.materials[INCLUSION].young / case.phantom.materials[TISSUE].young
     name = f"| {true:g}:1 | {seed} |"
     everything_like_the_pad = np.full(len(case.labels), case.phantom.materials[PAD].young)
-    flat = figures(case, everything_like_the_pad, np.full(len(case.labels), np.nan))
+    flat = figures(case, everything_like_the_pad, np.ones(len(case.labels)))
     print(f"{name} flat | – {_columns(flat)} | – | – | – | |")
     for source in sources:
         for grouping in groupings:
