@@ -1,9 +1,12 @@
 """The error of measured displacements: its metric, samples of it, and its size from the data."""
 
 import numpy as np
+import scipy.sparse as sp
 
+from .balance import internal_forces, tangent_stiffness
 from .system import BalanceSystem
 
+ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
 MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
 
 
@@ -58,13 +61,38 @@ class DisplacementNoise:
         return root @ np.swapaxes(root, -1, -2)
 
 
+def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> tuple[float, int]:
+    """Return the noise scale from nodes that touch known cells only, and how many equations say so.
+
+    There the force left over is K δu with K known: no unknown has been fitted to it, so that the
+    estimate holds however noisy the data are.
+    """
+    mesh, unknowns = system.mesh, system.unknowns
+    around = mesh.node_cells @ np.ones(mesh.n_cells)
+    known = mesh.node_cells @ unknowns.known.astype(float)
+    nodes = np.flatnonzero((around > 0) & (known == around) & ~system.reaction)
+    rows = (nodes[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()
+    lam, mu = unknowns.lam_known, unknowns.mu_known
+    ratios = []
+    for trial, u in enumerate(system.displacements):
+        force = internal_forces(mesh, system.law, u, lam, mu).ravel()[rows]
+        K = tangent_stiffness(mesh, system.law, u, lam, mu)[rows]
+        C = noise.covariances(trial)
+        n = np.arange(len(C) + 1)
+        C = sp.bsr_matrix((np.ascontiguousarray(C), n[:-1], n)).tocsr()
+        variance = np.asarray((K @ C).multiply(K).sum(axis=1)).ravel()
+        ratios.append(force**2 / variance)
+    ratios = np.concatenate(ratios)
+    return float(np.sqrt(ratios.mean())) if len(ratios) else np.nan, len(ratios)
+
+
 def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> tuple:
     """Carry displacement errors through a linear solver of the balance equations.
 
     To first order the error of θ solves A δθ = −K(θ) δu; `solve` is the method's own way from a
-    right-hand side to θ. The scale of the noise, where it is not given, follows from the equations
-    that the method leaves unsatisfied: the ratio of the residuals found to those that errors of
-    unit scale would leave.
+    right-hand side to θ. The scale of the noise, where it is not given, follows from the nodes that
+    touch known cells only, or, where they are too few, from the equations that the method leaves
+    unsatisfied: the ratio of the residuals found to those that errors of unit scale would leave.
 
     Parameters
     ----------
@@ -96,8 +124,10 @@ def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> 
     redundancy = int(tells.sum())
     scale = noise.scale
     if scale is None:
-        scale = np.nan
-        if redundancy:
+        scale, among_known = scale_from_known_cells(system, noise)
+        if among_known >= ENOUGH_EQUATIONS:
+            redundancy = among_known
+        elif redundancy:
             ratio = left[tells] ** 2 / variance[tells]
             typical = np.median(ratio) / MEDIAN_CHI_SQUARED
             # where errors have grown without bound, a mean would hear those equations only

@@ -40,7 +40,7 @@ class BalanceSystem:
         reaction: np.ndarray,
     ):
         self.mesh, self.law, self.unknowns = mesh, law, unknowns
-        self.displacements = displacements
+        self.displacements, self.reaction = displacements, reaction
         self.n_trials = len(displacements)
         touches = mesh.node_cells @ (~unknowns.known).astype(float) > 0
         self.nodes = np.flatnonzero(touches & ~reaction)
