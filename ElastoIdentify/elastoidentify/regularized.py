@@ -129,6 +129,20 @@ class Equilibrium:
                 shared = (fit.K, fit.S, solver)
         return fits
 
+    def _factorise(self, S):
+        if not np.isfinite(S.data).all():
+            raise self._diverged()
+        try:
+            return spl.splu(S, **SYMMETRIC)
+        except RuntimeError as singular:
+            raise self._diverged() from singular
+
+    def _diverged(self):
+        return InputError(
+            f"the {self.law.name} fit does not converge: a cell inverts; push less, use a coarser "
+            "mesh or fewer sub-cells (refine), or check the registration"
+        )
+
     def _fit_trial(self, C, measured, u, lam, mu, slope, shared):
         target = measured.ravel()
         for _ in range(1 if self.law.linear else 10):
@@ -136,7 +150,7 @@ class Equilibrium:
             if shared is None:
                 K = tangent_stiffness(self.mesh, self.law, at, lam, mu)[self.free]
                 S = (K @ C @ K.T).tocsc()
-                solver = spl.splu(S, **SYMMETRIC)
+                solver = self._factorise(S)
             else:
                 K, S, solver = shared
             r = internal_forces(self.mesh, self.law, at, lam, mu).ravel()[self.free]
@@ -148,10 +162,7 @@ class Equilibrium:
             if change < 1e-6 * np.abs(target).max():
                 break
         if not np.isfinite(u).all():
-            raise InputError(
-                f"the {self.law.name} fit does not converge: a cell inverts; push less, use a "
-                "coarser mesh, or check the registration"
-            )
+            raise self._diverged()
         per_lam, per_mu = force_matrices(self.mesh, self.law, u.reshape(measured.shape))
         R = ((per_lam @ self.lam + per_mu @ self.mu) @ slope).tocsr()[self.free]
         return TrialFit(u, K, S, r, float(r @ p), R), solver
@@ -285,6 +296,9 @@ class _Fit:
         samples = self._posterior(samples)
         theta = self.theta()
         errors = theta[:, None] * (self.fields @ samples)
+        if self.problem.noise.information is not None:
+            # a fit may find the information too modest, but not call the map better for it
+            errors = errors * max(1.0, 1.0 / self.scale)
         report = {
             "method": "regularized",
             "noise_scale": self.scale,
