@@ -12,6 +12,7 @@ from .system import BalanceSystem
 
 # The walk is trusted as long as the typical error of μ that it predicts stays below this.
 TRUSTED_ERROR = 0.05
+MOST_LOST = 0.01  # share of the cells on its way that it may lose
 
 
 def _system(problem: Problem) -> BalanceSystem:
@@ -79,21 +80,32 @@ def regularized(problem: Problem, progress: Progress | None = None) -> Estimate:
 def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     """Walk; where the walk's own propagated error forbids trust, go on to the regularized fit."""
     walked = sequential(problem, part(progress, 0, 0.2))
-    cells = ~problem.unknowns.known
-    with np.errstate(invalid="ignore"):
-        error = walked.mu_std[cells] / np.abs(walked.mu[cells])
-    reached = np.isfinite(error)
-    typical = float(np.median(error[reached])) if reached.any() else np.inf
-    if typical <= TRUSTED_ERROR and np.mean(error[reached] < 1) > 0.99:
+    cells = ~problem.unknowns.known & (walked.order >= 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = walked.mu_std[cells] / walked.mu[cells]
+    # given up on the way, or no stable material: then the others' own errors are not to be believed
+    error[~(error >= 0)] = np.inf
+    typical = float(np.median(error)) if error.size else np.inf
+    lost = float(np.mean(error >= 1)) if error.size else 1.0
+    if typical <= TRUSTED_ERROR and lost < MOST_LOST:
         walked.report["auto"] = (
             f"sequential: its propagated error of μ is {typical:.1e} of the value (median)"
         )
         return walked
     estimate = regularized(problem, part(progress, 0.2, 1))
-    estimate.report["auto"] = (
-        "regularized: the sequential method's propagated error of μ is "
-        f"{typical:.1e} of the value (median), more than {TRUSTED_ERROR:g}"
-    )
+    if np.isfinite(typical) and typical > TRUSTED_ERROR:
+        why = (
+            f"the sequential method's propagated error of μ is {typical:.1e} of the value "
+            f"(median), more than {TRUSTED_ERROR:g}"
+        )
+    elif error.size:
+        why = (
+            "the sequential method's propagated error of μ exceeds the value in "
+            f"{lost:.0%} of the cells"
+        )
+    else:
+        why = "the sequential method finds no node to start from"
+    estimate.report["auto"] = f"regularized: {why}"
     return estimate
 
 

@@ -4,6 +4,7 @@ import elastoidentify as ei
 import forward
 import numpy as np
 import pytest
+from elastoidentify import methods
 from elastoidentify.errors import Cancelled
 
 # RMS of 2(E−Ê)/(E+Ê) that OpenQSEI reports for its problem, by displacement noise in % (L2)
@@ -157,6 +158,27 @@ def test_auto_walks_on_clean_data_and_fits_on_noisy_data():
     result = ei.identify(case.points, case.cells, noisy, case.materials, **settings)
     assert result.report["method"] == "regularized"
     assert "propagated error" in result.report["auto"]
+
+
+def test_auto_does_not_trust_a_walk_that_lost_most_cells_and_is_sure_of_the_rest(monkeypatch):
+    # as happens with registered images, whose smooth errors leave the equations well satisfied
+    walk = methods.sequential
+
+    def lossy(problem, progress=None):
+        walked = walk(problem, progress)
+        lost = walked.order > 5
+        assert np.isfinite(walked.mu[~lost]).sum() > 0 and lost.mean() > 0.3
+        for array in (walked.lam, walked.mu, walked.lam_errors, walked.mu_errors):
+            array[lost] = np.nan
+        return walked
+
+    monkeypatch.setattr(methods, "sequential", lossy)
+    case = forward.squares(8)
+    result = ei.identify(
+        case.points, case.cells, case.displacements, case.materials,
+        reaction_nodes=case.reaction, unknowns="young", poisson_ratio=0.43,
+    )  # fmt: skip
+    assert result.report["method"] == "regularized"
 
 
 def test_a_fit_can_be_cancelled_between_steps():
