@@ -181,7 +181,7 @@ def test_pictures_for_the_manual(tmp_path, display):
     window = folder / "paraview-lame-identification.png"
     good, text = play(tmp_path, display, steps, window, size)
     assert good, text
-    assert colours(window) > 100
+    assert colours(window) > 30  # of the 64 that the picture is reduced to
 
     sample = folder / "paraview-sample.png"
     done = run(
