@@ -99,9 +99,6 @@ def shoot(display, picture):
         "-window",
         "root",
         "-trim",
-        "+dither",
-        "-colors",
-        "64",
         str(picture),
     ]
     subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
@@ -178,10 +175,13 @@ def test_pictures_for_the_manual(tmp_path, display):
             "Surface With Edges",
         ),
     ]
-    window = folder / "paraview-lame-identification.png"
+    window = tmp_path / "paraview-lame-identification.png"
     good, text = play(tmp_path, display, steps, window, size)
     assert good, text
-    assert colours(window) > 30  # of the 64 that the picture is reduced to
+    assert colours(window) > 100
+    if folder != tmp_path:  # the manual's copy is small
+        reduce = [program("convert"), str(window), "+dither", "-colors", "64"]
+        subprocess.run([*reduce, str(folder / window.name)], check=True)
 
     sample = folder / "paraview-sample.png"
     done = run(
