@@ -38,7 +38,6 @@ class DisplacementNoise:
             values = np.maximum(values, 1e-6 * np.maximum(largest, np.finfo(float).tiny))
             self.information = np.einsum("tnij,tnj,tnkj->tnik", vectors, values, vectors)
             self.root = vectors / np.sqrt(values)[..., None, :]  # C = root rootᵀ
-            self.round_off = 4 * np.finfo(float).eps * np.abs(displacements).max(initial=0.0)
             self.round_off *= np.sqrt(np.median(values))
 
     def samples(self, m: int, seed: int = 0) -> np.ndarray:
@@ -46,17 +45,11 @@ class DisplacementNoise:
         z = np.random.default_rng(seed).standard_normal((m, *self.shape))
         return z if self.information is None else np.einsum("tnij,mtnj->mtni", self.root, z)
 
-    def weights(self, trial: int) -> np.ndarray:
-        """Return C⁻¹ of a trial, (n_nodes, d, d)."""
-        if self.information is not None:
-            return self.information[trial]
-        _, n, d = self.shape
-        return np.broadcast_to(np.eye(d), (n, d, d))
-
     def covariances(self, trial: int) -> np.ndarray:
         """Return C of a trial, (n_nodes, d, d)."""
         if self.information is None:
-            return self.weights(trial)
+            _, n, d = self.shape
+            return np.broadcast_to(np.eye(d), (n, d, d))
         root = self.root[trial]
         return root @ np.swapaxes(root, -1, -2)
 
