@@ -118,13 +118,15 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     """The panel: choices in the parameter node, Apply that turns into Cancel, a status line."""
 
     def __init__(self, parent=None):
-        ScriptedLoadableModuleWidget.__init__(self, parent)
-        VTKObservationMixin.__init__(self)
         self.logic = None
         self.run = None
         self._parameterNode = None
         self._guiTag = None
         self._filling = False
+        self._observedSegmentation = None
+        self._segmentIds = []
+        VTKObservationMixin.__init__(self)
+        ScriptedLoadableModuleWidget.__init__(self, parent)  # without a parent it calls setup()
 
     # ---- set-up and scene events
 
@@ -247,10 +249,10 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def _observeSegmentation(self):
         """Follow segments that are added, renamed or removed."""
         segmentation = self._parameterNode.segmentation
-        if getattr(self, "_observedSegmentation", None) is segmentation:
+        if self._observedSegmentation is segmentation:
             return
         for event in _segmentEvents():
-            if getattr(self, "_observedSegmentation", None) is not None:
+            if self._observedSegmentation is not None:
                 self.removeObserver(self._observedSegmentation, event, self.onParametersModified)
             if segmentation is not None:
                 self.addObserver(segmentation, event, self.onParametersModified)
@@ -269,7 +271,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         names = segment_names(self._parameterNode.segmentation)
         unit = self._parameterNode.unit
         table.setHorizontalHeaderLabels(["Segment", "Role", f"E ({unit})", "ν"])
-        if list(names) != getattr(self, "_segmentIds", None) or table.rowCount != len(names):
+        if list(names) != self._segmentIds or table.rowCount != len(names):
             self._segmentIds = list(names)
             table.setRowCount(len(names))
             for row in range(len(names)):

@@ -29,11 +29,11 @@ def pytest_configure(config):
         return  # the fixture below says so
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     sys.path[:0] = [str(HERE), str(MODULE.parent)]
-    from standins import application, modules, widgets
+    from standins import application, modules, sources, widgets
 
     application.start()
     widgets.install()
-    modules.install(str(MODULE))
+    (sources if sources.folder() else modules).install(str(MODULE))
 
 
 @pytest.fixture(autouse=True)

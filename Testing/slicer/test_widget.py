@@ -11,13 +11,14 @@ import qt  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import ROLES, materials_from_text  # noqa: E402
 from PySide6 import QtWidgets  # noqa: E402
+from standins.widgets import ModulePanel  # noqa: E402
 
 import ElastoIdentify as module  # noqa: E402
 
 
 @pytest.fixture
 def panel():
-    widget = module.ElastoIdentifyWidget()
+    widget = module.ElastoIdentifyWidget(ModulePanel())
     widget.setup()
     yield widget
     widget.cleanup()

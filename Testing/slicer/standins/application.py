@@ -11,6 +11,16 @@ import slicer.util
 import vtk
 
 
+class Signals:
+    """Something to connect to that never has anything to say."""
+
+    def connect(self, signal, slot):
+        return True
+
+    def disconnect(self, signal, slot):
+        return True
+
+
 class Application:
     """What module logic may ask of `slicer.app`; anything else raises AttributeError."""
 
@@ -19,6 +29,7 @@ class Application:
     def __init__(self, logic):
         self._logic = logic
         self.startup = []
+        self.signals = Signals()
 
     def applicationLogic(self):
         return self._logic
@@ -37,6 +48,9 @@ class Application:
 
     def connect(self, signal, slot):
         self.startup.append((signal, slot))
+
+    def moduleManager(self):
+        return self.signals
 
     def setOverrideCursor(self, *_):
         pass

@@ -57,13 +57,14 @@ class ScriptedLoadableModuleWidget:
         import qt
 
         self.moduleName = type(self).__name__.removesuffix("Widget")
-        if parent is None:
-            parent = slicer.qMRMLWidget()
-            parent.setLayout(qt.QVBoxLayout())
-            parent.setMRMLScene(slicer.mrmlScene)
-        parent.isEntered = True
         self.parent = parent
-        self.layout = parent.layout()
+        if parent is None:
+            self.parent = slicer.qMRMLWidget()
+            self.parent.setLayout(qt.QVBoxLayout())
+            self.parent.setMRMLScene(slicer.mrmlScene)
+        self.layout = self.parent.layout()
+        if parent is None:
+            self.setup()
 
     def setup(self):
         pass

@@ -10,6 +10,7 @@ import numpy as np
 import slicer
 
 from .views import slice_view, space_view
+from .widgets import ModulePanel
 
 SIZE = (920, 660)
 
@@ -30,7 +31,7 @@ def make_pictures(folder: Path, small: bool = False) -> list[Path]:
         inputs = {"restVolume": rest, "pushedVolumes": pushed, "segmentation": segmentation}
         inputs |= {"edgeLength": 7.0, "options": {"unknowns": "young", "poisson_ratio": 0.45}}
     rest = inputs["restVolume"]
-    widget = ElastoIdentifyWidget()
+    widget = ElastoIdentifyWidget(ModulePanel())
     widget.setup()
     parameters = widget._parameterNode
     parameters.edgeLength = inputs["edgeLength"]

@@ -171,6 +171,17 @@ class qMRMLWidget(widget_base("QWidget")):
         self.mrmlSceneChanged.emit(scene)
 
 
+class ModulePanel(qMRMLWidget):
+    """What the application gives a module to lay its panel out in."""
+
+    isEntered = QtCore.Property(bool, lambda s: True)
+
+    def __init__(self):
+        super().__init__()
+        QtWidgets.QWidget.setLayout(self, polite(QtWidgets.QVBoxLayout)())
+        self.setMRMLScene(slicer.mrmlScene)
+
+
 class _NodeList(qMRMLWidget):
     """What the two node boxes share: they follow the nodes of their scene."""
 
