@@ -599,18 +599,10 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
 
     @staticmethod
     def showResult(result, request):
-        """Show the rest volume under the map in the slice views, and the table and the chart."""
-        layoutManager = slicer.app.layoutManager() if hasattr(slicer.app, "layoutManager") else None
-        if layoutManager is None:  # no main window
-            return
-        slicer.util.setSliceViewerLayers(background=request.restVolume, fit=True)
-        layoutManager.setLayout(slicer.vtkMRMLLayoutNode.SlicerLayoutFourUpPlotTableView)
-        selection = slicer.app.applicationLogic().GetSelectionNode()
-        selection.SetActiveTableID(result.table.GetID())
-        selection.SetActivePlotChartID(result.chart.GetID())
-        slicer.app.applicationLogic().PropagateTableSelection()
-        slicer.app.applicationLogic().PropagatePlotChartSelection()
-        slicer.util.resetThreeDViews()
+        """Show the map over the rest volume, in 3-D, the table and the chart."""
+        from ElastoIdentifyLib.views import show_result
+
+        show_result(result, request)
 
 
 def _present(nodes):

@@ -5,8 +5,12 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
+from elastoidentify.filters.convert import mesh_to_vtk  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.outputs import cube_helix  # noqa: E402
+from ElastoIdentifyLib.request import Request  # noqa: E402
+from ElastoIdentifyLib.views import turn_to_map  # noqa: E402
+from standins.application import LayoutManager  # noqa: E402
 from standins.views import slice_view, space_view  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
@@ -57,6 +61,99 @@ def test_the_legend_is_drawn_with_its_title(pictures):
     assert share_of(corner, np.array([255, 255, 255]), 2) > 0.002  # letters
     colours = {tuple(pixel) for pixel in corner[250:500, -40:].reshape(-1, 3)}
     assert len(colours) > 60  # the bar
+
+
+@pytest.fixture
+def layouts():
+    """The application's layouts and slice views, as with a main window."""
+    slicer.app.layouts = LayoutManager()
+    yield slicer.app.layouts
+    slicer.app.layouts = None
+
+
+def views_of_layout(layouts):
+    nodes = layouts.layoutLogic().GetViewNodes()
+    views = [nodes.GetItemAsObject(n) for n in range(nodes.GetNumberOfItems())]
+    return {view.GetClassName(): view for view in views}
+
+
+def test_the_layout_shows_slice_3d_table_and_chart_of_the_result(layouts):
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    ElastoIdentifyLogic.showResult(result, Request(**inputs))
+    views = views_of_layout(layouts)
+    assert sorted(views) == [
+        "vtkMRMLPlotViewNode",
+        "vtkMRMLSliceNode",
+        "vtkMRMLTableViewNode",
+        "vtkMRMLViewNode",
+    ]
+    assert views["vtkMRMLTableViewNode"].GetTableNodeID() == result.table.GetID()
+    assert views["vtkMRMLPlotViewNode"].GetPlotChartNodeID() == result.chart.GetID()
+    assert views["vtkMRMLSliceNode"].GetID() == "vtkMRMLSliceNodeRed"
+    composite = layouts.mrmlSliceLogics().GetItemAsObject(0).GetSliceCompositeNode()
+    assert composite.GetBackgroundVolumeID() == inputs["restVolume"].GetID()
+
+
+def test_without_a_main_window_nothing_is_shown_and_nothing_fails():
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    before = slicer.mrmlScene.GetNumberOfNodes()
+    ElastoIdentifyLogic.showResult(result, Request(**inputs))
+    assert slicer.mrmlScene.GetNumberOfNodes() == before
+
+
+@pytest.mark.parametrize("plane", ["axial", "coronal", "sagittal"])
+def test_the_red_view_turns_into_the_plane_of_the_map(layouts, plane):
+    """The map of slice 1 of an oblique slab under a parent transform lies in the red view."""
+    inputs, _ = sample.add_exact_push()
+    matrix = images.ijk_to_world(inputs["restVolume"])
+    matrix[:3, 2] *= -1  # right-handed or not
+    matrix = turns(plane) @ matrix
+    volume = slicer.util.addVolumeFromArray(np.ones((5, 40, 40)), matrix, "Slab")
+    table = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    shift = np.eye(4)
+    shift[:3, 3] = 30.0, -11.0, 4.0
+    table.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(shift))
+    volume.SetAndObserveTransformNodeID(table.GetID())
+    in_slice = np.array([[8, 8, 1, 1], [30, 8, 1, 1], [30, 34, 1, 1], [8, 34, 1, 1]])
+    points = (in_slice @ (shift @ matrix).T)[:, :3]
+    model = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelNode")
+    model.SetAndObserveMesh(mesh_to_vtk(points, np.array([[0, 1, 2], [0, 2, 3]])))
+
+    layouts.setLayout(slicer.vtkMRMLLayoutNode.SlicerLayoutFourUpView)
+    red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+    turn_to_map(red, model, Request(restVolume=volume, sliceAxis=2, sliceIndex=1))
+
+    to_slice = np.linalg.inv(slicer.util.arrayFromVTKMatrix(red.GetSliceToRAS()))
+    seen = np.c_[points, np.ones(len(points))] @ to_slice.T
+    assert np.abs(seen[:, 2]).max() < 1e-6
+    right, up = np.linalg.inv(to_slice)[:3, :2].T
+    if plane == "sagittal":
+        assert up[2] > 0.5
+        assert right[1] < -0.5  # anterior on the left
+    else:
+        assert right[0] < -0.5  # patient's left on the right
+        assert up[1 if plane == "axial" else 2] > 0.5
+
+
+def turns(plane):
+    """A rotation that brings a nearly axial plane near the named one."""
+    axes = {"axial": (0, 1, 2), "coronal": (0, 2, 1), "sagittal": (2, 0, 1)}[plane]
+    turn = np.eye(4)
+    turn[:3, :3] = np.eye(3)[list(axes)]
+    return turn
+
+
+def test_a_view_that_is_younger_than_the_map_shows_the_legend_too(layouts):
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    with space_view() as space:
+        legend_letters = lambda: share_of(space.array()[:, -130:], np.full(3, 255), 2)  # noqa: E731
+        before = legend_letters()
+        ElastoIdentifyLogic.showResult(result, Request(**inputs))
+        assert before == 0.0
+        assert legend_letters() > 0.002
 
 
 def test_the_pictures_of_the_documentation_can_be_made(tmp_path):

@@ -21,6 +21,44 @@ class Signals:
         return True
 
 
+class LayoutManager:
+    """Slicer's own layouts and slice logics, without a window around them."""
+
+    def __init__(self):
+        self._logic = slicer.vtkMRMLLayoutLogic()
+        self._logic.SetMRMLScene(slicer.mrmlScene)
+        self._slices = vtk.vtkCollection()
+
+    def layoutLogic(self):
+        return self._logic
+
+    def mrmlSliceLogics(self):
+        return self._slices
+
+    def setLayout(self, number):
+        """Make the views of a layout, as the application does when it is first shown."""
+        node = self._logic.GetLayoutNode()
+        if not node.IsLayoutDescription(number):
+            raise ValueError(f"no layout has the number {number}")
+        node.SetViewArrangement(number)
+        views = self._logic.GetViewNodes()
+        for position in range(views.GetNumberOfItems()):
+            view = views.GetItemAsObject(position)
+            if view.IsA("vtkMRMLSliceNode") and not self._shown(view):
+                logic = slicer.vtkMRMLSliceLogic()
+                logic.SetMRMLScene(slicer.mrmlScene)
+                logic.SetMRMLApplicationLogic(slicer.app.applicationLogic())
+                logic.SetSliceNode(view)
+                self._slices.AddItem(logic)
+
+    def _shown(self, view):
+        logics = (self._slices.GetItemAsObject(n) for n in range(self._slices.GetNumberOfItems()))
+        return any(logic.GetSliceNode() is view for logic in logics)
+
+    def resetThreeDViews(self):
+        pass  # no window, no camera
+
+
 class Application:
     """What module logic may ask of `slicer.app`; anything else raises AttributeError."""
 
@@ -30,6 +68,7 @@ class Application:
         self._logic = logic
         self.startup = []
         self.signals = Signals()
+        self.layouts = None
 
     def applicationLogic(self):
         return self._logic
@@ -51,6 +90,10 @@ class Application:
 
     def moduleManager(self):
         return self.signals
+
+    def layoutManager(self):
+        """None, as without a main window, unless a test made one."""
+        return self.layouts
 
     def setOverrideCursor(self, *_):
         pass

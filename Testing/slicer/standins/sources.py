@@ -19,7 +19,14 @@ HINT = (
     "git clone --depth 1 https://github.com/Slicer/Slicer (and commontk/CTK and Slicer/vtkAddon "
     f"beside it), then set {VARIABLE} to the folder Slicer"
 )
-PACKAGES = ("util", "i18n", "packaging", "testing", "parameterNodeWrapper", "ScriptedLoadableModule")
+PACKAGES = (
+    "util",
+    "i18n",
+    "packaging",
+    "testing",
+    "parameterNodeWrapper",
+    "ScriptedLoadableModule",
+)
 
 
 def folder() -> Path | None:

@@ -1,0 +1,96 @@
+"""What the main window shows of a result: the map over the image, in 3-D, the table, the chart."""
+
+import numpy as np
+import slicer
+from vtk.util.numpy_support import vtk_to_numpy
+
+from .images import ijk_to_world
+from .outputs import show_quantity
+
+LAYOUT = 7137
+"""Number of the module's layout; Slicer's own end at 100."""
+
+LAYOUT_DESCRIPTION = """
+<layout type="vertical" split="true">
+ <item splitSize="600">
+  <layout type="horizontal">
+   <item>
+    <view class="vtkMRMLSliceNode" singletontag="Red">
+     <property name="orientation" action="default">Axial</property>
+     <property name="viewlabel" action="default">R</property>
+     <property name="viewcolor" action="default">#F34A33</property>
+    </view>
+   </item>
+   <item>
+    <view class="vtkMRMLViewNode" singletontag="1">
+     <property name="viewlabel" action="default">1</property>
+    </view>
+   </item>
+  </layout>
+ </item>
+ <item splitSize="300">
+  <layout type="horizontal">
+   <item>
+    <view class="vtkMRMLTableViewNode" singletontag="TableView1">
+     <property name="viewlabel" action="default">T</property>
+    </view>
+   </item>
+   <item>
+    <view class="vtkMRMLPlotViewNode" singletontag="PlotView1">
+     <property name="viewlabel" action="default">P</property>
+    </view>
+   </item>
+  </layout>
+ </item>
+</layout>
+"""
+
+
+def show_result(result, request) -> None:
+    """Show the map over the rest volume in the red view, in 3-D, and the table and the chart.
+
+    Does nothing without a main window.
+
+    Parameters
+    ----------
+    result : ElastoIdentifyLib.outputs.Result
+    request : ElastoIdentifyLib.request.Request
+    """
+    manager = slicer.app.layoutManager()
+    if manager is None:
+        return
+    manager.layoutLogic().GetLayoutNode().AddLayoutDescription(LAYOUT, LAYOUT_DESCRIPTION)
+    manager.setLayout(LAYOUT)
+    _renew_legend(result.model)
+    turn_to_map(slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed"), result.model, request)
+    logic = slicer.app.applicationLogic()
+    selection = logic.GetSelectionNode()
+    selection.SetActiveTableID(result.table.GetID())
+    selection.SetActivePlotChartID(result.chart.GetID())
+    logic.PropagateTableSelection()
+    logic.PropagatePlotChartSelection()
+    slicer.util.resetThreeDViews()
+
+
+def _renew_legend(model) -> None:
+    """Make the legend anew: a legend is not drawn in views that are younger than itself."""
+    legend = slicer.modules.colors.logic().GetColorLegendDisplayNode(model)
+    if legend is not None:
+        slicer.mrmlScene.RemoveNode(legend)
+    show_quantity(model, model.GetDisplayNode().GetActiveScalarName())
+
+
+def turn_to_map(slice_node, model, request) -> None:
+    """Show the rest volume in a slice view, in the plane of the map; of a 3-D map, in its middle.
+
+    Patient's left stays on the right, and anterior or superior at the top, as radiologists expect.
+    """
+    volume = request.restVolume
+    size = volume.GetImageData().GetDimensions()
+    axis = size.index(1) if 1 in size else request.sliceAxis
+    across = ijk_to_world(volume)[:3, axis]
+    slice_node.SetOrientation(("Sagittal", "Coronal", "Axial")[int(np.abs(across).argmax())])
+    slice_node.RotateToVolumePlane(volume)
+    slicer.util.setSliceViewerLayers(background=volume, fit=True)  # goes to the volume's middle
+    points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
+    slice_node.JumpSliceByOffsetting(*(points.max(axis=0) + points.min(axis=0)) / 2)
