@@ -369,7 +369,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             return
         with slicer.util.tryWithErrorDisplay(_("The map could not be computed."), waitCursor=True):
             if not self._parameterNode.useTransforms:
-                self.logic.ensurePackages(self.resourcePath("requirements.txt"))
+                self.logic.ensurePackages()
             self.run = self.logic.start(self.logic.request(self._parameterNode))
             self.ui.progressBar.visible = True
             self.ui.progressBar.value = 0
@@ -541,28 +541,16 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         return self.finish(run, name, show)
 
     @staticmethod
-    def ensurePackages(requirements):
-        """Install what the registration needs, once, after asking."""
-        try:
-            importlib.metadata.version("itk-elastix")
-            return
-        except importlib.metadata.PackageNotFoundError:
-            pass
+    def ensurePackages(ask=True):
+        """Install what the registration needs and Slicer has not; ask=False for scripts."""
+        requirements = os.path.join(os.path.dirname(__file__), "Resources", "requirements.txt")
         try:
             from slicer.packaging import load_requirements, pip_ensure
         except ImportError:  # before Slicer 5.12
-            with open(requirements) as lines:
-                wanted = [line.strip() for line in lines if line.strip() and line[0] != "#"]
-            question = "The registration needs the Python package {names}. Install it now?"
-            if not slicer.util.confirmOkCancelDisplay(_(question).format(names=", ".join(wanted))):
-                raise RuntimeError(
-                    _("Without {names} images cannot be registered.").format(
-                        names=", ".join(wanted)
-                    )
-                ) from None
-            slicer.util.pip_install(wanted)
-        else:
-            pip_ensure(load_requirements(requirements), requester="ElastoIdentify")
+            _ensurePackagesByHand(requirements, ask)
+            return
+        wanted = load_requirements(requirements)
+        pip_ensure(wanted, requester="ElastoIdentify", prompt_install=ask, prompt_restart=ask)
 
     @staticmethod
     def sliceOfView(volume, sliceNode):
@@ -603,6 +591,22 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         from ElastoIdentifyLib.views import show_result
 
         show_result(result, request)
+
+
+def _ensurePackagesByHand(requirements, ask):
+    """Do what slicer.packaging.pip_ensure does from Slicer 5.12 on."""
+    try:
+        importlib.metadata.version("itk-elastix")
+        return
+    except importlib.metadata.PackageNotFoundError:
+        pass
+    with open(requirements) as lines:
+        wanted = [line.strip() for line in lines if line.strip() and line[0] != "#"]
+    names = ", ".join(wanted)
+    question = _("The registration needs the Python package {names}. Install it now?")
+    if ask and not slicer.util.confirmOkCancelDisplay(question.format(names=names)):
+        raise RuntimeError(_("Without {names} images cannot be registered.").format(names=names))
+    slicer.util.pip_install(wanted)
 
 
 def _present(nodes):

@@ -244,7 +244,7 @@ def test_the_phantoms_materials_are_suggested_from_its_segmentation(panel):
 def test_packages_are_asked_for_once_and_only_for_images(panel, monkeypatch):
     fill(panel)
     asked = []
-    monkeypatch.setattr(panel.logic, "ensurePackages", asked.append)
+    monkeypatch.setattr(panel.logic, "ensurePackages", lambda: asked.append("packages"))
     monkeypatch.setattr(panel.logic, "start", lambda request: None)
     click(panel.ui.applyButton)
     assert asked == []
@@ -252,7 +252,7 @@ def test_packages_are_asked_for_once_and_only_for_images(panel, monkeypatch):
     panel.ui.useTransformsCheckBox.setChecked(False)
     panel.ui.pushedSelector.setCheckState(other, qt.Qt.Checked)
     click(panel.ui.applyButton)
-    assert [path.rpartition("/")[2] for path in asked] == ["requirements.txt"]
+    assert asked == ["packages"]
 
 
 def test_missing_packages_are_installed_by_slicer_of_either_age(panel, monkeypatch):
@@ -266,18 +266,40 @@ def test_missing_packages_are_installed_by_slicer_of_either_age(panel, monkeypat
     monkeypatch.setattr(module.importlib.metadata, "version", none)
     done = []
     packaging = types.ModuleType("slicer.packaging")
-    packaging.load_requirements = lambda path: ["from file"]
-    packaging.pip_ensure = lambda wanted, requester: done.append((wanted, requester))
+    packaging.load_requirements = lambda path: path.rpartition("Resources/")[2]
+    packaging.pip_ensure = lambda wanted, **how: done.append((wanted, how))
     monkeypatch.setitem(sys.modules, "slicer.packaging", packaging)
-    requirements = panel.resourcePath("requirements.txt")
-    panel.logic.ensurePackages(requirements)
-    assert done == [(["from file"], "ElastoIdentify")]
+    panel.logic.ensurePackages()
+    how = {"requester": "ElastoIdentify", "prompt_install": True, "prompt_restart": True}
+    assert done == [("requirements.txt", how)]
 
     monkeypatch.setitem(sys.modules, "slicer.packaging", None)  # Slicer 5.10
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: True)
     monkeypatch.setattr(slicer.util, "pip_install", done.append)
-    panel.logic.ensurePackages(requirements)
+    panel.logic.ensurePackages()
     assert done[1] == ["itk-elastix>=0.23"]
     monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: False)
     with pytest.raises(RuntimeError, match="itk-elastix"):
-        panel.logic.ensurePackages(requirements)
+        panel.logic.ensurePackages()
+    panel.logic.ensurePackages(ask=False)
+    assert len(done) == 3
+
+
+def test_the_slice_of_the_red_view_is_taken(panel, monkeypatch):
+    """Axis and number of the slice that an oblique view through an oblique volume shows best."""
+    matrix = np.array([[0, 0, 2.0, 5], [-1.2, 0.4, 0, 9], [-0.4, -1.2, 0, 7], [0, 0, 0, 1]])
+    volume = slicer.util.addVolumeFromArray(np.ones((7, 20, 30)), matrix, "Sagittal")
+    panel.ui.restSelector.setCurrentNode(volume)
+    red = slicer.vtkMRMLSliceNode()
+    red.SetLayoutName("Red")
+    red.SetSingletonTag("Red")
+    red = slicer.mrmlScene.AddNode(red)
+    assert red.GetID() == "vtkMRMLSliceNodeRed"
+    red.SetSliceToRASByNTP(0.95, 0.2, 0.1, 0, 1, 0, *(matrix @ [11, 8, 4.2, 1])[:3], 0)
+    click(panel.ui.currentSliceButton)
+    assert panel._parameterNode.sliceAxis == "k"
+    assert panel._parameterNode.sliceIndex == 4
+    assert panel.ui.sliceIndexSpinBox.value == 4
+    red.SetSliceToRASByNTP(0.1, -0.9, -0.2, 1, 0, 0, *(matrix @ [29.8, 8, 4, 1])[:3], 0)
+    click(panel.ui.currentSliceButton)
+    assert (panel._parameterNode.sliceAxis, panel._parameterNode.sliceIndex) == ("i", 29)

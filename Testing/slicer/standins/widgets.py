@@ -73,6 +73,10 @@ class Manners:
     def name(self):
         return call(self, "objectName")
 
+    @name.setter
+    def name(self, name):
+        call(self, "setObjectName", name)
+
     def connect_by_text(self, signal, slot):
         signal_name, _, arguments = signal.rstrip(")").partition("(")
         given = len([one for one in arguments.split(",") if one.strip()])
@@ -182,18 +186,21 @@ class ModulePanel(qMRMLWidget):
         self.setMRMLScene(slicer.mrmlScene)
 
 
-class _NodeList(qMRMLWidget):
+class _NodeList(widget_base("QWidget")):
     """What the two node boxes share: they follow the nodes of their scene."""
 
     def __init__(self, parent=None):
         super().__init__(parent)
-        self._types, self._none, self._tags = [], False, []
+        self._scene, self._types, self._none, self._tags = None, [], False, []
+
+    def mrmlScene(self):
+        return self._scene
 
     def setMRMLScene(self, scene):
         for tag in self._tags:
             self._scene.RemoveObserver(tag)
         self._tags = []
-        super().setMRMLScene(scene)
+        self._scene = scene
         if scene is not None:
             events = slicer.vtkMRMLScene
             for event in (events.NodeAddedEvent, events.NodeRemovedEvent, events.EndCloseEvent):
