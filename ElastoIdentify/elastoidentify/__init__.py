@@ -4,9 +4,21 @@
 :mod:`elastoidentify.imaging`, VTK filters in :mod:`elastoidentify.filters`.
 """
 
+from importlib import import_module
+
 from .errors import Cancelled, InputError
-from .identification import IdentificationResult, identify
 
 __version__ = "0.1.0"
 
 __all__ = ["Cancelled", "IdentificationResult", "InputError", "identify"]
+
+
+def __getattr__(name: str):
+    """Import the numerics when they are first asked for (PEP 562): ``--help`` need not wait."""
+    if name in ("IdentificationResult", "identify"):
+        return getattr(import_module(".identification", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

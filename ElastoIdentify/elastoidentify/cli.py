@@ -8,6 +8,8 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from . import __version__
@@ -91,19 +93,13 @@ def demo(arguments) -> None:
 
 def phantom(arguments) -> None:
     """Make images of a pushed block whose stiffness is known."""
-    from .imaging.io import make_folder, read_image
+    from .imaging.io import output_folder, read_image
     from .imaging.phantom import Inclusion, make_phantom, write_phantom
     from .imaging.texture import mni152_path, slice_of
 
-    make_folder(arguments.out)
     inclusions = [Inclusion()]
     if arguments.inclusion is not None:
         inclusions = [Inclusion(*numbers) for numbers in arguments.inclusion]
-    texture = None
-    if arguments.image != "speckle":
-        image = read_image(arguments.image or mni152_path())
-        axis = None if arguments.slice_axis is None else "ijk".index(arguments.slice_axis)
-        texture = slice_of(image, axis, arguments.slice)
     options = {
         name: getattr(arguments, name)
         for name in (
@@ -113,7 +109,12 @@ def phantom(arguments) -> None:
     }
     if arguments.push:
         options["pushes"] = arguments.push
-    with TerminalProgress("phantom") as progress:
+    with output_folder(arguments.out), TerminalProgress("phantom") as progress:
+        texture = None
+        if arguments.image != "speckle":
+            image = read_image(arguments.image or mni152_path())
+            axis = None if arguments.slice_axis is None else "ijk".index(arguments.slice_axis)
+            texture = slice_of(image, axis, arguments.slice)
         made = make_phantom(texture, inclusions=inclusions, progress=progress, **options)
         files = write_phantom(arguments.out, made)
     names = ", ".join(file.name for file in files)
@@ -150,7 +151,8 @@ def register(arguments) -> None:
     from .imaging.vtu import read_mesh
 
     _check_outputs(arguments.output)
-    grid = _registered(arguments, read_mesh(arguments.mesh))
+    images = _images(arguments)
+    grid = _registered(arguments, read_mesh(arguments.mesh), images)
     _write_mesh(arguments.output, grid)
 
 
@@ -197,11 +199,11 @@ def identify(arguments) -> None:
 def run(arguments) -> None:
     """Mesh, register and identify."""
     _check_outputs(arguments.output, arguments.picture, arguments.table)
-    rest = _image(arguments.rest)
+    images = _images(arguments)
     grid = _meshed(arguments, arguments.segmentation)
-    _check_known(arguments, grid)
-    grid = _identified(arguments, _registered(arguments, grid))
-    _deliver(arguments, grid, rest)
+    _rehearse(arguments, grid, images)
+    grid = _identified(arguments, _registered(arguments, grid, images))
+    _deliver(arguments, grid, images.reference)
 
 
 def table2(arguments) -> None:
@@ -248,52 +250,117 @@ def _meshed(arguments, path: str):
     return grid
 
 
-def _registered(arguments, grid):
+@dataclass
+class _Images:
+    """The images of a registration, as the files have them."""
+
+    rest: object  # an Image, or None
+    pushed: list
+    mask: object
+
+    @property
+    def reference(self):
+        """The image on which the mesh was made."""
+        return self.rest or self.pushed[0]
+
+    @property
+    def trials(self) -> int:
+        return len(self.pushed) - (self.rest is None)
+
+
+def _images(arguments) -> _Images:
+    """Read every image, and see that there is something to register with, before any work."""
+    from .imaging.elastix_process import find_interpreter
+
+    if arguments.rest is None and len(arguments.pushed) < 2:
+        raise InputError(
+            "one image is nothing to compare: add --rest with the image at rest, or a second "
+            "--pushed to measure from one push to the other"
+        )
+    rest, mask = (path and _image(path) for path in (arguments.rest, arguments.mask))
+    images = _Images(rest, [_image(path) for path in arguments.pushed], mask)
+    find_interpreter()
+    return images
+
+
+def _registered(arguments, grid, images: _Images):
     """Return the mesh with the displacements of every pushed image."""
     import json
 
-    from .filters import ElastixNodalDisplacement
-    from .filters.convert import get_text, image_to_vtk
-    from .filters.direct import apply
+    from .filters.convert import get_text
+    from .filters.registration import displaced
 
-    images = [image_to_vtk(_image(path)) for path in (arguments.rest, *arguments.pushed)]
-    filter = ElastixNodalDisplacement()
-    if arguments.parameters:
-        filter.parameter_file = arguments.parameters
     with TerminalProgress("registration") as progress:
-        grid = apply(filter, grid, images[0], images[1:], progress=progress)
+        grid = displaced(
+            grid,
+            images.rest,
+            images.pushed,
+            mask=images.mask,
+            parameters=arguments.parameters,
+            reference=arguments.reference,
+            progress=progress,
+        )
     report = json.loads(get_text(grid, "RegistrationReport"))
     for number, trial in enumerate(report["trials"], 1):
+        name = f"trial {number}" if images.rest else f"from push 1 to push {number + 1}"
         print(
-            f"trial {number}: similarity {trial['similarity_before']:.3f} → "
+            f"{name}: similarity {trial['similarity_before']:.3f} → "
             f"{trial['similarity_after']:.3f}, forward and backward agree to "
             f"{figure(trial['disagreement_median'], 2)} pixels (median)"
+        )
+    if images.rest is None:
+        print(
+            "note: without a rest image the displacements lead from the first push to the others, "
+            "which balance on their own in small strain only"
         )
     _warn(report.get("warnings", []))
     return grid
 
 
-def _check_known(arguments, grid) -> None:
-    """Refuse unknown labels before the long registration, not after it."""
+class _Fine(Exception):
+    """The identification has accepted its input."""
+
+
+def _rehearse(arguments, grid, images: _Images) -> None:
+    """Have the identification check its input before the long registration, not after it.
+
+    It checks everything before its first word of progress; the displacements are made up.
+    """
     import numpy as np
 
-    from .filters.convert import get_array
+    from .filters.convert import mesh_points
+    from .filters.registration import write_registration
+    from .imaging.registration import Registration
 
-    labels = np.unique(get_array(grid.GetCellData(), "Label"))
-    for label, *_ in arguments.known:
-        if label not in labels:
-            raise InputError(
-                f"known label {label} does not occur in the mesh, its labels are "
-                f"{', '.join(map(str, labels))}"
-            )
+    def stop(*_):
+        raise _Fine
+
+    points = mesh_points(grid)
+    small = (
+        1e-6
+        * np.ptp(points)
+        * np.random.default_rng(0).standard_normal((images.trials, *points.shape))
+    )
+    copy = grid.NewInstance()
+    copy.ShallowCopy(grid)
+    write_registration(copy, Registration(small, (), None))
+    with suppress(_Fine):
+        _identification(arguments).execute([copy], progress=stop)
 
 
 def _identified(arguments, grid):
     """Return the mesh with the result arrays."""
-    from .filters import LameIdentification
     from .filters.direct import apply
 
-    filter = LameIdentification(
+    with TerminalProgress("identification") as progress:
+        return apply(_identification(arguments), grid, progress=progress)
+
+
+def _identification(arguments):
+    """Return the identification that the options ask for."""
+    from .filters import LameIdentification
+
+    return LameIdentification(
         known_materials=arguments.known,
         method=arguments.method,
         kinematics=arguments.kinematics,
@@ -304,8 +371,6 @@ def _identified(arguments, grid):
         noise=arguments.noise or 0.0,
         refine=arguments.refine or 0,
     )
-    with TerminalProgress("identification") as progress:
-        return apply(filter, grid, progress=progress)
 
 
 def _deliver(arguments, grid, rest) -> None:
@@ -357,7 +422,7 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
     """
     lines = [
         f"method: {report.get('method')}, {report.get('kinematics')}, "
-        f"{report.get('trials')} trials, unknowns {report.get('unknowns')} per "
+        f"{_count(report.get('trials'), 'trial')}, unknowns {report.get('unknowns')} per "
         f"{report.get('grouping')}"
     ]
     if report.get("auto"):
@@ -380,6 +445,10 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
     if report.get("misfit") is not None:
         lines.append(f"misfit: {figure(report['misfit'])} (1: as large as the noise)")
     return lines
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def _warn(sentences: Sequence[str]) -> None:
@@ -584,7 +653,12 @@ def _mesh_options(parser) -> None:
 
 def _image_options(parser) -> None:
     add = parser.add_argument
-    add("--rest", required=True, metavar="IMAGE", help="image at rest, or a DICOM folder")
+    add(
+        "--rest",
+        metavar="IMAGE",
+        help="image at rest, or a DICOM folder; without it the first pushed image takes its place, "
+        "on which the mesh must have been made then",
+    )
     add(
         "--pushed",
         required=True,
@@ -592,7 +666,25 @@ def _image_options(parser) -> None:
         metavar="IMAGE",
         help="pushed image of a trial; repeatable",
     )
-    add("--parameters", metavar="FILE", help="elastix parameter file instead of ours")
+    add(
+        "--reference",
+        choices=("rest", "previous"),
+        default="rest",
+        help="what a pushed image is registered to: the rest image, or the image before it, for a "
+        "series of ever larger pushes (default rest)",
+    )
+    add(
+        "--mask",
+        metavar="IMAGE",
+        help="compare the images where it is not 0; leave room around the object",
+    )
+    add(
+        "--parameters",
+        metavar="FILE",
+        action="append",
+        help="elastix parameter file instead of ours, 'affine' or 'bspline'; repeatable: one map "
+        "after the other",
+    )
 
 
 def _displacement_options(parser) -> None:

@@ -45,15 +45,15 @@ def run_demo(
         ``contrast`` and ``contrast_by_label`` of the inclusion over the tissue, ``true_contrast``,
         ``rows`` and ``rows_by_label`` (figures per label), ``seconds``, ``peak_memory`` (bytes).
     """
-    from .imaging.io import make_folder
+    from .imaging.io import output_folder
 
     start = time.monotonic()
-    folder = make_folder(folder)
-    made = _make_phantom(folder, image, slice_index, say)
-    grid = _measure(made, edge_pixels)
-    grid_by_cell = _identify(made, grid, "cell")
-    grid_by_label = _identify(made, grid, "label")
-    report = _deliver(folder, made, grid_by_cell, grid_by_label, say)
+    with output_folder(folder) as folder:  # nothing is written before all is done
+        made = _make_phantom(image, slice_index, say)
+        grid = _measure(made, edge_pixels)
+        grid_by_cell = _identify(made, grid, "cell")
+        grid_by_label = _identify(made, grid, "label")
+        report = _deliver(folder, made, grid_by_cell, grid_by_label, say)
     report["seconds"], report["peak_memory"] = time.monotonic() - start, peak_memory()
     memory = report["peak_memory"]
     used = "" if memory is None else f", {memory / 2**30:.2f} GiB of memory at the most"
@@ -61,9 +61,9 @@ def run_demo(
     return report
 
 
-def _make_phantom(folder: Path, image: str | None, slice_index: int | None, say):
+def _make_phantom(image: str | None, slice_index: int | None, say):
     from .imaging.io import read_image
-    from .imaging.phantom import make_phantom, write_phantom
+    from .imaging.phantom import make_phantom
     from .imaging.texture import mni152_path, slice_of
 
     if image is None and slice_index is None:
@@ -71,7 +71,6 @@ def _make_phantom(folder: Path, image: str | None, slice_index: int | None, say)
     texture = slice_of(read_image(image or mni152_path()), index=slice_index)
     with TerminalProgress("phantom") as progress:
         made = make_phantom(texture, kinematics="neo-hookean", progress=progress)
-        write_phantom(folder / "phantom", made)
     pushes = " and ".join(f"({x:.2f}, {y:.2f})" for x, y, _ in made.pushes)
     tissue, inclusion, pad = (made.materials[made.label(n)] for n in ("tissue", "inclusion", "pad"))
     say(
@@ -122,10 +121,12 @@ def _identify(made, grid, grouping: str):
 def _deliver(folder: Path, made, by_cell, by_label, say) -> dict:
     """Write everything, print the figures, and return them."""
     from .filters.convert import displacement_names, get_array, get_text, mesh_points
+    from .imaging.phantom import write_phantom
     from .imaging.picture import draw
     from .imaging.table import RESULT_ARRAYS, label_rows, write_table
     from .imaging.vtu import write_mesh
 
+    write_phantom(folder / "phantom", made)
     truth = {
         label: {"Mu": m.young / (2 * (1 + m.poisson)), "YoungModulus": m.young}
         for label, m in made.materials.items()

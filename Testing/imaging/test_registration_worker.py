@@ -85,6 +85,27 @@ def test_the_environment_variable_chooses_the_interpreter(monkeypatch):
         find_interpreter()
 
 
+def test_a_python_of_its_own_gets_nothing_of_the_hosts_packages(monkeypatch, tmp_path):
+    """The interpreter that ELASTOIDENTIFY_PYTHON names may be of another version."""
+    seen = tmp_path / "environment"
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\nenv > {seen}\necho no elastix here >&2\nexit 1\n")
+    python.chmod(0o755)
+    monkeypatch.setenv("PYTHONPATH", "/of/the/host")
+    monkeypatch.setenv("PYTHONHOME", "/of/the/host")
+    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, str(python))
+    with pytest.raises(InputError, match="no elastix here"):
+        ElastixProcess()
+    names = [line.partition("=")[0] for line in seen.read_text().splitlines()]
+    assert "PATH" in names
+    assert not {"PYTHONPATH", "PYTHONHOME"} & set(names)
+
+
+def test_a_python_like_the_host_finds_the_hosts_packages():
+    paths = elastix_process.worker_environment()["PYTHONPATH"].split(os.pathsep)
+    assert str(Path(np.__file__).parents[1]) in paths
+
+
 def test_an_application_is_not_taken_for_an_interpreter(monkeypatch, tmp_path):
     """In pvpython, ParaView and Slicer sys.executable is the host itself."""
     host = tmp_path / "SlicerApp-real"

@@ -13,6 +13,7 @@ from elastoidentify.errors import Cancelled
 from elastoidentify.pushing import solve_push, square_mesh
 
 KNOWN = ["--known", "1:E=5000,nu=0.43"]
+BY_LABEL = ["--group", "label"]
 PAD, TISSUE, INCLUSION = 1, 2, 3
 
 
@@ -102,7 +103,7 @@ def test_options_reach_the_identification(tmp_path, pushed_mesh):
 
     mesh, _ = pushed_mesh()
     out = tmp_path / "map.vtu"
-    options = ["--unknowns", "young", "--poisson", "0.43", "--group", "label"]
+    options = ["--unknowns", "young", "--poisson", "0.43", *BY_LABEL]
     assert run("identify", mesh, "-o", out, *KNOWN, "--method", "global", *options)[0] == 0
     report = json.loads(get_text(read_mesh(out), "IdentificationReport"))
     assert (report["unknowns"], report["grouping"], report["trials"]) == ("young", "label", 2)
@@ -167,6 +168,18 @@ def test_help_and_numerics_load_neither_vtk_nor_itk():
         [sys.executable, "-c", code], capture_output=True, check=True, encoding="utf-8"
     )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_help_does_not_wait_for_the_numerics():
+    code = (
+        "import sys; from elastoidentify import cli; cli.main(['--help']); "
+        "print([m for m in ('numpy', 'scipy') if m in sys.modules]); "
+        "import elastoidentify as ei; print(ei.identify.__module__, 'identify' in dir(ei))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=True, encoding="utf-8"
+    )
+    assert done.stdout.splitlines()[-2:] == ["[]", "elastoidentify.identification True"]
 
 
 def test_a_terminal_without_greek_letters_gets_question_marks():
@@ -294,7 +307,22 @@ def images(tmp_path_factory):
     rest = made.rest
     write_image(folder / "constant.nrrd", rest.with_array(np.full_like(rest.array, 7)))
     write_image(folder / "smaller.nrrd", Image(rest.array[:, :50, :50], spacing=rest.spacing))
+    holes = rest.array.astype(np.float32)
+    holes[0, 3, 4:7] = np.nan
+    write_image(folder / "nan.nrrd", rest.with_array(holes))
+    for name, image, slices in (("block", made.segmentation, 12), ("thin", rest, 4)):
+        stack = np.repeat(image.array, slices, axis=0)
+        place = image.origin, image.spacing, image.direction
+        write_image(folder / f"{name}.nrrd", Image(stack, *place))
+    write_colours(folder / "colours.nrrd", rest.array)
     return folder
+
+
+def write_colours(path, grey):
+    import SimpleITK as sitk
+
+    channels = np.stack([grey, 0.5 * grey, grey], axis=-1).astype(np.float32)
+    sitk.WriteImage(sitk.GetImageFromArray(channels, isVector=True), str(path))
 
 
 @pytest.mark.parametrize(
@@ -304,6 +332,10 @@ def images(tmp_path_factory):
         ({"--pushed": "constant.nrrd"}, "everywhere"),
         ({"--rest": "constant.nrrd"}, "everywhere"),
         ({"--rest": "missing.nrrd"}, "no such file"),
+        ({"--pushed": "nan.nrrd"}, "3 voxels that are not numbers"),
+        ({"--pushed": "colours.nrrd"}, "convert it to one grey value"),
+        ({"--segmentation": "block.nrrd"}, "mesh the segmentation of that same slice"),
+        ({"--segmentation": "block.nrrd", "--rest": "thin.nrrd"}, "too few to register"),
         ({"--segmentation": "rest.nrrd"}, "whole numbers"),
         ({"--segmentation": "smaller.nrrd"}, "whole numbers"),
         ({"--edge-length": "-1"}, "edge length"),
@@ -321,11 +353,57 @@ def test_run_refuses_bad_input_in_one_line(tmp_path, images, capsys, changed, sa
         "--edge-length": "15",
         "--known": "1:E=5000,nu=0.45",
         "--rigid": "4",
+        "--method": "regularized",
     } | changed
     words = []
     for name, value in options.items():
         words += [name, images / value if value.endswith("nrrd") else value]
     refused(*run("run", *words, "-o", tmp_path / "out.vtu", capsys=capsys), said, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "meshed"),
+    [
+        (["--pushed", "missing.nrrd"], "missing.nrrd: no such file", False),
+        (["--mask", "missing.nrrd"], "missing.nrrd: no such file", False),
+        (["--method", "global"], "fewer equations", True),
+        (["--known", "8:E=5000,nu=0.45"], "label 8", True),
+        (["--unknowns", "young"], "Poisson", True),
+        (["--mask", "smaller.nrrd", *BY_LABEL], "mask image covers another part", True),
+        (["--parameters", "missing.txt", *BY_LABEL], "missing.txt", True),
+        (["--reference", "next"], "next", False),
+    ],
+)
+def test_run_checks_everything_before_it_registers(
+    tmp_path, images, capsys, monkeypatch, words, said, meshed
+):
+    pytest.importorskip("vtkmodules")
+    monkeypatch.chdir(images)
+    monkeypatch.setattr("elastoidentify.imaging.registration.ElastixProcess", pytest.fail)
+    files = ["--rest", "rest.nrrd", "--pushed", "pushed_1.nrrd"]
+    files += ["--segmentation", "segmentation.nrrd", "--edge-length", "15", "--rigid", "4"]
+    given = ["run", *files, "--known", "1:E=5000,nu=0.45", "-o", tmp_path / "out.vtu"]
+    code, out, err = run(*given, *words, capsys=capsys)
+    refused(code, out, err, said, tmp_path)
+    assert ("mesh:" in out) == meshed
+
+
+def test_one_image_alone_is_refused(tmp_path, images, capsys):
+    pytest.importorskip("vtkmodules")
+    words = ["register", "--mesh", "mesh.vtu", "--pushed", images / "pushed_1.nrrd"]
+    refused(*run(*words, "-o", tmp_path / "out.vtu", capsys=capsys), "a second --pushed", tmp_path)
+
+
+def test_a_refused_phantom_leaves_no_folder_and_keeps_one_that_was_there(tmp_path, capsys):
+    pytest.importorskip("SimpleITK")
+    wrong = ["--image", "speckle", "--pixels", "4"]
+    for folder in (tmp_path / "new" / "deep", tmp_path / "old"):
+        (tmp_path / "old").mkdir(exist_ok=True)
+        code, _, err = run("phantom", "--out", folder, *wrong, capsys=capsys)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "at least 16" in err
+    assert not (tmp_path / "new").exists()
+    assert (tmp_path / "old").is_dir()
 
 
 # ---- what stops

@@ -88,28 +88,47 @@ class ElastixNodalDisplacement(Filter):
 
     def execute(self, mesh, rest, pushed, progress):
         """Return the mesh with displacements."""
-        from ..imaging.registration import register
-
-        points, cells = mesh_points(mesh), simplices(mesh)
-        images = [image_from_vtk(rest, "rest image")]
-        for number, data in enumerate(pushed, 1):
-            images.append(image_from_vtk(data, f"pushed image of trial {number}"))
-        if _is_planar(mesh):
-            images = [slice_with_points(image, points) for image in images]
-        found = register(
-            images[0],
-            images[1:],
-            points,
-            cells,
+        return displaced(
+            mesh,
+            image_from_vtk(rest, "rest image"),
+            [
+                image_from_vtk(data, f"pushed image of trial {number}")
+                for number, data in enumerate(pushed, 1)
+            ],
             parameters=self.parameter_file or None,
             reference=self.reference,
             backward=self.backward,
             progress=progress,
         )
-        grid = mesh.NewInstance()
-        grid.ShallowCopy(mesh)
-        write_registration(grid, found)
-        return grid
+
+
+def displaced(mesh, rest, pushed, *, mask=None, **options):
+    """Return the mesh with the displacements that images show.
+
+    A planar mesh in a slice of volumes is registered in that slice.
+
+    Parameters
+    ----------
+    mesh : vtkUnstructuredGrid
+    rest : Image or None
+        None: the first pushed image takes its place.
+    pushed : list of Image
+    mask : Image, optional
+    options
+        As of :func:`~elastoidentify.imaging.registration.register`.
+    """
+    from ..imaging.registration import register
+
+    points = mesh_points(mesh)
+    images = [rest, *pushed, mask]
+    if _is_planar(mesh):
+        images = [one if one is None else slice_with_points(one, points) for one in images]
+    rest, *pushed, mask = images
+    found = register(rest, pushed, points, simplices(mesh), mask=mask, **options)
+    grid = mesh.NewInstance()
+    grid.ShallowCopy(mesh)
+    write_registration(grid, found)
+    return grid
 
 
 def write_registration(grid, registration):

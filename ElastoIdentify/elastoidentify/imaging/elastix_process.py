@@ -25,16 +25,25 @@ _PROGRAM = Path(elastix_worker.__file__).resolve()
 _HEARTBEAT = 0.1  # seconds between two looks at the progress callback, which may cancel
 
 
-def worker_environment() -> dict[str, str]:
-    """The environment of the worker: the host's packages first, and its own numpy on one thread."""
-    paths = [path for path in sys.path if path and os.path.isdir(path)]
-    own = str(_PROGRAM.parent.parent.parent)  # the package itself is not needed there
-    return {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(path for path in paths if path != own),
-        "PYTHONUNBUFFERED": "1",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
+def worker_environment(host_packages: bool = True) -> dict[str, str]:
+    """The environment of a Python that works for this one.
+
+    Parameters
+    ----------
+    host_packages : bool
+        It finds the packages of this process, which needs the same version of Python. False: it
+        finds its own only, whatever the host has set (Slicer and ParaView set PYTHONPATH and
+        PYTHONHOME to their own).
+    """
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    if host_packages:
+        paths = [path for path in sys.path if path and os.path.isdir(path)]
+        own = str(_PROGRAM.parent.parent.parent)  # the package itself is not needed there
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path != own)
+    else:
+        for name in ("PYTHONPATH", "PYTHONHOME"):
+            environment.pop(name, None)
+    return environment
 
 
 def candidate_interpreters() -> list[str]:
@@ -170,19 +179,21 @@ class ElastixProcess:
         self._tail = deque(maxlen=40)
         self._messages = queue.Queue()
         python = find_interpreter()
-        environment = worker_environment()
-        if os.environ.get(PYTHON_VARIABLE):  # its own packages, not the host's
-            environment.pop("PYTHONPATH")
+        chosen = bool(os.environ.get(PYTHON_VARIABLE))  # maybe another version of Python
         self._process = subprocess.Popen(
             [python, str(_PROGRAM)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=environment,
+            env=worker_environment(host_packages=not chosen),
             start_new_session=True,  # Ctrl-C is for the host, which then closes the worker
         )
-        for read in (self._read_answers, self._read_log):
-            threading.Thread(target=read, daemon=True).start()
+        self._readers = [
+            threading.Thread(target=read, daemon=True)
+            for read in (self._read_answers, self._read_log)
+        ]
+        for reader in self._readers:
+            reader.start()
         try:
             self._wait(progress or silent, lambda: (0.0, "starting elastix"))
         except WorkerGone as gone:
@@ -228,6 +239,7 @@ class ElastixProcess:
                 progress(*state())
                 continue
             if message is None:
+                self._readers[1].join(timeout=5)  # its last words may still be under way
                 raise WorkerGone(f"the registration worker stopped: {self._last_words()}")
             header, arrays = message
             if "error" in header:

@@ -2,7 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,25 @@ def check_writable(path: str | os.PathLike) -> None:
         raise InputError(
             f"{path}: the folder {folder} cannot be written to ({error.strerror}); choose another"
         ) from None
+
+
+@contextmanager
+def output_folder(path: str | os.PathLike) -> Iterator[Path]:
+    """Make a folder for outputs, and take it away again if the work then fails and left it empty.
+
+    Raises
+    ------
+    InputError
+        It cannot be made or written to.
+    """
+    made = [folder for folder in (Path(path), *Path(path).parents) if not folder.exists()]
+    try:
+        yield make_folder(path)
+    except BaseException:
+        for folder in made:  # the innermost first
+            with suppress(OSError):  # not empty
+                folder.rmdir()
+        raise
 
 
 def make_folder(path: str | os.PathLike) -> Path:

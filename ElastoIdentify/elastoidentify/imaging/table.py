@@ -14,6 +14,7 @@ QUANTITIES = ("Mu", "Lambda", "YoungModulus", "PoissonRatio")
 SYMBOLS = {"Mu": "μ", "Lambda": "λ", "YoungModulus": "E", "PoissonRatio": "ν"}
 RESULT_ARRAYS = ("Label", "Status", *QUANTITIES, "MuStd", "LambdaStd")
 FOUND = (1, 2)  # Status of known and identified cells
+ROUND_OFF = 1e-9  # share of a value below which its error says nothing
 
 
 def label_rows(arrays: Mapping[str, np.ndarray], truth: Mapping[int, Mapping] | None = None):
@@ -88,10 +89,15 @@ def table_text(rows: list[dict], unit: str = "", names: Mapping[int, str] | None
             str(row["cells"]),
             "given" if row["known"] else f"{100 * row['identified']:.0f} %",
             figure(row["Mu median"]),
-            "" if row["known"] else figure(row["Mu std"]),
-            "" if row["known"] else figure(row["Mu spread"]),
+            "" if row["known"] else _error(row["Mu std"], row["Mu median"]),
+            "" if row["known"] else _error(row["Mu spread"], row["Mu median"]),
             figure(row["YoungModulus median"]),
             figure(row["PoissonRatio median"]),
         ]
         lines.append([*line, figure(row["Mu true"])] if true else line)
     return table(header, lines)
+
+
+def _error(error: float, value: float) -> str:
+    """Return an error for people: 0 where it is the round-off of exact data."""
+    return "0" if error <= ROUND_OFF * abs(value) else figure(error)
