@@ -1,6 +1,7 @@
 """The worker process: found, warm, cancelled, and gone without a trace."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elastoidentify.errors import Cancelled, InputError
-from elastoidentify.imaging import elastix_process
+from elastoidentify.imaging import elastix_process, registration
 from elastoidentify.imaging.elastix_process import ElastixProcess, LogProgress, find_interpreter
+from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.parameter_files import (
     FOLDER,
     check_names,
@@ -201,7 +203,8 @@ def test_killed_in_the_middle_nothing_stays_and_the_next_one_works():
 
 @needs_elastix
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc (Linux)")
-def test_a_host_that_dies_takes_the_worker_and_its_files_with_it():
+@pytest.mark.parametrize("death", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_host_that_dies_takes_the_worker_and_its_files_with_it(death):
     before = leftovers()
     program = textwrap.dedent(
         """
@@ -223,7 +226,35 @@ def test_a_host_that_dies_takes_the_worker_and_its_files_with_it():
         if line.startswith("resolution"):
             break
     assert leftovers()[1] - before[1]
-    host.send_signal(signal.SIGKILL)
+    host.send_signal(death)
     host.wait()
     host.stdout.close()
     assert not gone(before)
+
+
+@needs_elastix
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc (Linux)")
+@pytest.mark.parametrize("stop", [Cancelled, KeyboardInterrupt])
+def test_stopped_in_the_second_step_nothing_stays(monkeypatch, tmp_path, stop):
+    """Between two trials the worker waits, warm, while the host works on the first."""
+    before = leftovers()
+    monkeypatch.chdir(tmp_path)
+    waiting = []
+
+    def interrupted(*arguments):
+        waiting.append(leftovers()[1] - before[1])
+        raise stop
+
+    monkeypatch.setattr(registration, "refine_displacement", interrupted)
+    rest, pushed = (Image(one) for one in images())
+    points = np.array([[10.0, 10, 0], [50, 10, 0], [50, 50, 0], [10, 50, 0]])
+    parameters = tmp_path / "quick.txt"
+    text = (FOLDER / "bspline.txt").read_text()
+    parameters.write_text(re.sub(r"(MaximumNumberOfIterations) \d+", r"\1 20", text))
+    with pytest.raises(stop):
+        registration.register(
+            rest, [pushed, pushed], points, [[0, 1, 2, 3]], parameters=parameters, backward=False
+        )
+    assert len(waiting) == 1 and waiting[0]
+    assert not gone(before)
+    assert os.listdir(tmp_path) == ["quick.txt"]
