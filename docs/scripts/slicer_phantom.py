@@ -2,7 +2,8 @@
 
     Slicer --no-main-window --python-script docs/scripts/slicer_phantom.py OUTPUT_FOLDER
 
-Writes the scene (map.mrb) and the table (segments.tsv) to the folder.
+Installs itk-elastix if it is not there. Writes the scene (map.mrb) and the table (segments.tsv) to
+the folder.
 """
 
 import sys
@@ -17,6 +18,7 @@ folder.mkdir(parents=True, exist_ok=True)
 try:
     rest, *pushed, segmentation = ElastoIdentify.loadSample()
     logic = ElastoIdentify.ElastoIdentifyLogic()
+    logic.ensurePackages(ask=False)
     result = logic.process(
         restVolume=rest,
         pushedVolumes=pushed,
@@ -30,5 +32,6 @@ try:
     slicer.util.saveScene(str(folder / "map.mrb"))
 except Exception as problem:
     print(problem, file=sys.stderr)
-    slicer.util.exit(1)
-slicer.util.exit(0)
+    slicer.util.exit(1)  # takes effect later: the last call counts
+else:
+    slicer.util.exit(0)

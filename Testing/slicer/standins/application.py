@@ -143,6 +143,8 @@ class FileManager:
         return node is not None
 
     def saveNodes(self, file_type, properties, messages=None):
+        if file_type == "SceneFile":
+            return slicer.mrmlScene.WriteToMRB(properties["fileName"], None)
         node = slicer.mrmlScene.GetNodeByID(properties["nodeID"])
         node.AddDefaultStorageNode()
         node.GetStorageNode().SetFileName(properties["fileName"])
