@@ -19,7 +19,7 @@ from ElastoIdentifyLib import images, outputs, sample  # noqa: E402
 from ElastoIdentifyLib.request import KNOWN, Material, Request  # noqa: E402
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
 
-from ElastoIdentify import ElastoIdentifyLogic, ElastoIdentifyTest  # noqa: E402
+from ElastoIdentify import ElastoIdentifyLogic, ElastoIdentifyTest, loadSample  # noqa: E402
 
 FLIP = np.array([-1.0, -1.0, 1.0])
 CELL_ARRAYS = (
@@ -342,6 +342,7 @@ def test_a_saved_scene_comes_back_whole(tmp_path):
     points = vtk_to_numpy(result.model.GetMesh().GetPoints().GetData()).copy()
     shift = images.nodal_displacements(result.transforms, points, False)
     name, title = result.model.GetName(), "μ (kPa)"
+    filed = folder_of(result.model)
     path = str(tmp_path / "scene.mrb")
     assert slicer.mrmlScene.WriteToMRB(path, None)
 
@@ -378,9 +379,46 @@ def test_a_saved_scene_comes_back_whole(tmp_path):
     assert (again.edgeLength, again.method) == (6.5, "global")
     assert again.restVolume.GetName() == "Block"
     assert again.resultModel is model
+    assert filed == folder_of(model)
+    assert filed[0] == f"{name} map"
+    assert len(filed[1]) == 6  # model, two transforms, table, plot series, chart
+    (chart,) = slicer.util.getNodesByClass("vtkMRMLPlotChartNode")
+    series = chart.GetNthPlotSeriesNode(0)
+    assert series.GetTableNode() is tables[0]
+    assert series.GetYColumnName() == "Mu median (kPa)"
+    assert all(not node.GetDisplayNode().GetVisibility() for node in transforms)
+
+
+def folder_of(model):
+    """Name of the folder of a result, and the names of what is in it."""
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(model))
-    assert hierarchy.GetItemName(folder) == f"{name} map"
+    inside = vtk.vtkIdList()
+    hierarchy.GetItemChildren(folder, inside)
+    names = [hierarchy.GetItemName(inside.GetId(n)) for n in range(inside.GetNumberOfIds())]
+    return hierarchy.GetItemName(folder), sorted(names)
+
+
+def test_the_sample_is_made_without_network_and_says_what_its_segments_are(monkeypatch):
+    import socket
+
+    def refuse(*_, **__):
+        raise AssertionError("the sample asked for the network")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    rest, *pushed, segmentation = loadSample()
+    assert rest.GetName() == "Phantom rest"
+    assert len(pushed) == 2
+    request = Request(restVolume=rest, pushedVolumes=pushed, segmentation=segmentation)
+    assert request.missing() == ""
+    roles = {name: material.role for _, name, material in request.segments().values()}
+    assert roles == {
+        "pad": "known",
+        "tissue": "unknown",
+        "inclusion": "unknown",
+        "indenter": "rigid",
+        "floor": "rigid",
+    }
 
 
 def test_phantom_images_lie_where_the_library_puts_them():

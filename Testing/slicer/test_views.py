@@ -63,6 +63,34 @@ def test_the_legend_is_drawn_with_its_title(pictures):
     assert len(colours) > 60  # the bar
 
 
+def test_cells_that_are_not_determined_are_seen_grey_in_both_views():
+    """Uniform strains leave many cells open: no colour of the scale may be there."""
+    inputs, _ = sample.add_exact_push()
+    inputs["transforms"] = []
+    for strain in (np.diag([0.0, 0.01, 0.0]), [[0, 0.01, 0], [0, 0, 0], [0, 0, 0]]):
+        node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+        matrix = np.eye(4)
+        matrix[:3, :3] += strain
+        node.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(matrix))
+        inputs["transforms"].append(node)
+    axes = screen_axes(inputs["restVolume"])
+    with slice_view(inputs["restVolume"], axes) as flat, space_view() as space:
+        before = flat.array().astype(int)
+        result = ElastoIdentifyLogic().process(**inputs)
+        status = slicer.util.arrayFromModelCellData(result.model, "Status")
+        assert (status == 0).mean() > 0.1
+        space.look(axes @ [0.2, -0.3, 1.0], axes[:, 1])
+        after, deep = flat.array().astype(int), space.array()
+    assert share_of(deep, np.array([140, 140, 140])) > 0.03
+    changed = np.abs(after - before).max(axis=-1) > 4
+    grey = changed & (np.ptp(after, axis=-1) <= 2)
+    coloured = np.ptp(after, axis=-1) > 8
+    # as many pixels per cell of either kind, but for the legend and the edges of the grey cells
+    assert grey.sum() / coloured.sum() == pytest.approx(
+        (status == 0).sum() / (status > 0).sum(), rel=0.3
+    )
+
+
 @pytest.fixture
 def layouts():
     """The application's layouts and slice views, as with a main window."""
