@@ -338,7 +338,9 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def _showQuantity(self):
         model = self._parameterNode.resultModel
         shown = self._parameterNode.show
-        if model is None or model.GetDisplayNode() is None:
+        if model is None or model.GetDisplayNode() is None or model.GetMesh() is None:
+            return
+        if not model.GetMesh().GetCellData().HasArray(shown):  # some other model of the scene
             return
         if model.GetDisplayNode().GetActiveScalarName() != shown:
             from ElastoIdentifyLib.outputs import show_quantity

@@ -210,6 +210,6 @@ class Request:
 
 
 def first_of_class(name: str):
-    """Return the first node of a class that the user can see, or None."""
-    nodes = slicer.util.getNodesByClass(name)
+    """Return the first node of just this class that the user can see, or None."""
+    nodes = [node for node in slicer.util.getNodesByClass(name) if node.GetClassName() == name]
     return next((node for node in nodes if not node.GetHideFromEditors()), None)

@@ -205,6 +205,71 @@ def test_closing_the_scene_ends_a_run(panel):
     assert panel.ui.applyButton.text == "Apply: choose a rest volume"
 
 
+def test_a_saved_scene_comes_back_into_the_panel(panel, tmp_path):
+    inputs, _ = fill(panel)
+    panel.ui.resultNameEdit.setText('Läsion; "2" < 3')
+    panel.ui.sliceIndexSpinBox.setValue(0)
+    click(panel.ui.applyButton)
+    finish(panel)
+    panel.ui.showComboBox.setCurrentText("YoungModulus")
+    name = panel._parameterNode.resultModel.GetName()
+    path = str(tmp_path / "scene.mrb")
+    assert slicer.mrmlScene.WriteToMRB(path, None)
+    slicer.mrmlScene.Clear(0)
+    assert panel.ui.restSelector.currentNode() is None
+    assert slicer.mrmlScene.ReadFromMRB(path)
+    panel.enter()
+
+    ui = panel.ui
+    assert ui.restSelector.currentNode().GetName() == inputs["restVolume"].GetName()
+    assert ui.segmentationSelector.currentNode().GetName() == "Block segments"
+    assert ui.useTransformsCheckBox.checked
+    assert [node.GetName() for node in ui.transformsSelector.checkedNodes()] == [
+        "Block push 1",
+        "Block push 2",
+    ]
+    assert (ui.edgeLengthSpinBox.value, ui.sliceIndexSpinBox.value) == (6.0, 0)
+    assert ui.methodComboBox.currentText == "global"
+    assert ui.resultNameEdit.text == 'Läsion; "2" < 3'
+    assert ui.resultSelector.currentNode().GetName() == name
+    assert ui.showComboBox.currentText == "YoungModulus"
+    table = ui.materialsTable
+    rows = {
+        table.item(row, 0).text(): (table.cellWidget(row, 1).currentText, table.item(row, 2).text())
+        for row in range(table.rowCount)
+    }
+    assert rows == {
+        "indenter": ("rigid", ""),
+        "pad": ("known", "5"),
+        "tissue": ("unknown", ""),
+        "floor": ("rigid", ""),
+    }
+    assert ui.applyButton.text == "Apply"
+    click(ui.applyButton)  # and the loaded scene can be computed again
+    finish(panel)
+    assert "cells identified" in ui.statusLabel.text
+
+
+def test_another_model_chosen_as_result_is_left_as_it_is(panel):
+    fill(panel)
+    liver = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelNode", "Liver")
+    liver.CreateDefaultDisplayNodes()
+    panel.ui.resultSelector.setCurrentNode(liver)
+    panel.ui.showComboBox.setCurrentText("Lambda")
+    assert not liver.GetDisplayNode().GetScalarVisibility()
+    click(panel.ui.applyButton)
+    finish(panel)
+    assert slicer.mrmlScene.GetNodeByID(liver.GetID()) is liver
+    assert panel._parameterNode.resultModel is not liver
+
+
+def test_a_labelmap_is_not_suggested_as_the_rest_volume(panel):
+    slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLabelMapVolumeNode", "Labels")
+    panel.initializeParameterNode()
+    assert panel._parameterNode.restVolume is None
+    assert panel.ui.applyButton.text == "Apply: choose a rest volume"
+
+
 def test_two_scenes_one_after_another(panel):
     fill(panel)
     slicer.mrmlScene.Clear(0)
