@@ -74,8 +74,11 @@ def registerSampleData():
 def loadSample(source=None):
     """Make the phantom's nodes in the scene; needs no network. Returns the nodes, rest first."""
     from ElastoIdentifyLib.sample import add_phantom
+    from ElastoIdentifyLib.views import show_volume
 
-    return add_phantom()
+    nodes = add_phantom()
+    show_volume(nodes[0])
+    return nodes
 
 
 @parameterNodeWrapper

@@ -81,16 +81,27 @@ def _renew_legend(model) -> None:
 
 
 def turn_to_map(slice_node, model, request) -> None:
-    """Show the rest volume in a slice view, in the plane of the map; of a 3-D map, in its middle.
+    """Show the rest volume in a slice view, in the plane of the map (of a 3-D map: its middle)."""
+    _turn_to_slices(slice_node, request.restVolume, request.sliceAxis)
+    points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
+    slice_node.JumpSliceByOffsetting(*(points.max(axis=0) + points.min(axis=0)) / 2)
+
+
+def show_volume(volume) -> None:
+    """Show a volume in the slice views, the red one in the plane of its slices."""
+    red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+    if red is not None:
+        _turn_to_slices(red, volume, 2)
+
+
+def _turn_to_slices(slice_node, volume, axis: int) -> None:
+    """Turn a slice view into the slices of a volume across an axis; go to the volume's middle.
 
     Patient's left stays on the right, and anterior or superior at the top, as radiologists expect.
     """
-    volume = request.restVolume
     size = volume.GetImageData().GetDimensions()
-    axis = size.index(1) if 1 in size else request.sliceAxis
+    axis = size.index(1) if 1 in size else axis
     across = ijk_to_world(volume)[:3, axis]
     slice_node.SetOrientation(("Sagittal", "Coronal", "Axial")[int(np.abs(across).argmax())])
     slice_node.RotateToVolumePlane(volume)
-    slicer.util.setSliceViewerLayers(background=volume, fit=True)  # goes to the volume's middle
-    points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
-    slice_node.JumpSliceByOffsetting(*(points.max(axis=0) + points.min(axis=0)) / 2)
+    slicer.util.setSliceViewerLayers(background=volume, fit=True)

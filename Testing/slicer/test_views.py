@@ -13,7 +13,7 @@ from ElastoIdentifyLib.views import turn_to_map  # noqa: E402
 from standins.application import LayoutManager  # noqa: E402
 from standins.views import slice_view, space_view  # noqa: E402
 
-from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
+from ElastoIdentify import ElastoIdentifyLogic, loadSample  # noqa: E402
 
 
 def screen_axes(volume):
@@ -171,6 +171,28 @@ def turns(plane):
     turn = np.eye(4)
     turn[:3, :3] = np.eye(3)[list(axes)]
     return turn
+
+
+def test_the_sample_is_seen_in_the_red_view(layouts):
+    layouts.setLayout(slicer.vtkMRMLLayoutNode.SlicerLayoutFourUpView)
+    rest = loadSample()[0]
+    red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+    to_slice = np.linalg.inv(slicer.util.arrayFromVTKMatrix(red.GetSliceToRAS()))
+    width, height, depth = rest.GetImageData().GetDimensions()
+    assert depth == 1
+    corners = [
+        [0, 0, 0, 1],
+        [width - 1, 0, 0, 1],
+        [0, height - 1, 0, 1],
+        [width - 1, height - 1, 0, 1],
+    ]
+    seen = np.array(corners) @ images.ijk_to_world(rest).T @ to_slice.T
+    assert np.abs(seen[:, 2]).max() < 1e-6
+    half = np.array(red.GetFieldOfView()[:2]) / 2
+    assert (np.abs(seen[:, :2]) < half + 1).all()
+    for number in range(layouts.mrmlSliceLogics().GetNumberOfItems()):
+        composite = layouts.mrmlSliceLogics().GetItemAsObject(number).GetSliceCompositeNode()
+        assert composite.GetBackgroundVolumeID() == rest.GetID()
 
 
 def test_a_view_that_is_younger_than_the_map_shows_the_legend_too(layouts):
