@@ -327,6 +327,13 @@ def test_islands_and_holes_smaller_than_a_cell_go_and_are_told():
     assert any("2 holes" in note for note in result.notes)
 
 
+def test_pure_noise_is_refused_with_the_way_to_mend_it():
+    noise = np.random.default_rng(0).integers(0, 4, (64, 64))
+    with pytest.raises(InputError, match="smooth the segmentation") as error:
+        mesh(noise, 6.0)
+    assert "\n" not in str(error.value)
+
+
 def test_an_island_at_the_surface_leaves_no_notch():
     labels = np.zeros((80, 80), int)
     labels[10:70, 10:70] = 1

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy import ndimage
 
+from ...errors import InputError
+
 
 def remove_islands(labels: np.ndarray, smallest: float) -> tuple[np.ndarray, dict[int, int]]:
     """Give connected regions of fewer than `smallest` voxels to the label nearest to them.
@@ -15,21 +17,33 @@ def remove_islands(labels: np.ndarray, smallest: float) -> tuple[np.ndarray, dic
     Returns
     -------
     cleaned : ndarray
-        `labels` without small regions. Unchanged when *every* region above 0 is small.
+        `labels` without small regions.
     removed : dict
         Label to the number of regions taken from it.
+
+    Raises
+    ------
+    InputError
+        Every region above 0 is small: noise, or an edge length far too large.
     """
     small = np.zeros(labels.shape, bool)
-    removed = {}
+    removed, largest = {}, 0
     for label in np.unique(labels):
         components, count = ndimage.label(labels == label)
-        is_small = np.bincount(components.ravel(), minlength=count + 1) < smallest
-        is_small[0] = False
+        sizes = np.bincount(components.ravel(), minlength=count + 1)[1:]
+        is_small = np.r_[False, sizes < smallest]
+        largest = max(largest, sizes.max() if label > 0 else 0)
         if is_small.any():
             removed[int(label)] = int(is_small.sum())
             small |= is_small[components]
-    if not small.any() or not (labels[~small] > 0).any():
+    if not small.any():
         return labels, {}
+    if not (labels[~small] > 0).any():
+        raise InputError(
+            f"every connected region is smaller than a cell (the largest has {largest} voxels, a "
+            f"cell {smallest:.0f}): smooth the segmentation, for example with a median filter, or "
+            "use a smaller edge length"
+        )
     return filled(labels, small), removed
 
 
