@@ -4,8 +4,10 @@ The Truth Cube (Kerdok et al., Medical Image Analysis 7, 2003) is one silicone w
 pushed along z. The beads are the nodes of 6 × 6 × 6 hexahedra. A layer of cells at one end is the
 known pad, the others are identified: they must come out as stiff as the pad, and all alike. Every
 bead on the lattice's outside bears forces of the silicone around it, so only the 125 inner beads
-have a balance equation. A computed twin of the cube (finer mesh, plates that stick) with the noise
-of the beads tells what the same chain makes of a cube that is certainly uniform.
+have a balance equation. A computed twin of the cube (quadratic elements, plates whose friction
+gives the lateral stretch that was measured) tells what the same chain makes of a cube that is
+certainly uniform, with and without the noise of the beads. Each of the 18 layers is the pad once,
+so that one layer's deviation can be seen among others.
 
 Reads `uniaxial_positions.csv` (see README.md beside it) from the folder given, by default
 `../shared/data/truthcube` beside the repository.
@@ -20,12 +22,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
 from elastoidentify import InputError, identify
 from elastoidentify.identification import IdentificationResult
 from elastoidentify.imaging.displacement_sources import displacement_from_points
 from elastoidentify.materials import lame_from_young
 from elastoidentify.progress import silent
-from elastoidentify.pushing import box_mesh, solve_push
+from scipy.sparse.linalg import spsolve
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "truthcube"
 YOUNG = 15.3  # kPa, according to the data's README
@@ -33,6 +36,8 @@ POISSON = 0.49  # the material's 0.499 locks linear cells: see docs/evidence.md
 NOISE = np.array([0.10, 0.27, 0.10])  # mm, of a bead's displacement along x, y, z
 KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
 BEADS, LAYERS = 7, 6
+TWIN_POISSON = 0.495  # quadratic elements carry it
+COMPRESSION, TOP_STRETCH, BOTTOM_STRETCH = 0.205, 0.02, 0.075  # see `layer_means`
 PAD = 1  # label of the known layer
 TWINS = {"twin, no noise": None, "twin, noise 1": 1, "twin, noise 2": 2}
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -110,24 +115,80 @@ def twin(cube: TruthCube, seed: int | None = 0) -> TruthCube:
 
 
 @cache
-def _twin(compression: float = 0.1825) -> tuple[np.ndarray, np.ndarray]:
+def _twin() -> tuple[np.ndarray, np.ndarray]:
     """Solve a cube of 80 mm with beads 10 mm apart: their positions and displacements, (343, 3).
 
-    A quarter is solved (neo-Hookean, ν = 0.49, cells of 5 mm) between plates that stick.
+    A quarter of it, neo-Hookean, on quadratic hexahedra of 10 mm. The plates stretch by a given
+    share, which stands for their friction, and the lower one is moved up.
     """
-    side, step = 80.0, 5.0
-    points, cells = box_mesh((8, 8, 16), (side / 2, side / 2, side))
-    lam, mu = (np.full(len(cells), value) for value in lame_from_young(YOUNG, 0.49))
-    bottom, top = np.isclose(points[:, 2], 0), np.isclose(points[:, 2], side)
+    import skfem
+
+    side, lam, mu = 80.0, *lame_from_young(YOUNG, TWIN_POISSON)
+    steps = np.linspace(0, side / 2, 5), np.linspace(0, side / 2, 5), np.linspace(0, side, 9)
+    basis = skfem.Basis(skfem.MeshHex.init_tensor(*steps), skfem.ElementHex2(), intorder=4)
+    points, dofs = basis.doflocs.T, basis.element_dofs.T
+    shapes = np.array([basis.basis[a][0].grad for a in range(27)])  # (27, 3, elements, quadrature)
+    shapes = np.broadcast_to(shapes, (27, 3, *basis.dx.shape))
+
+    bottom, top = (np.isclose(points[:, 2], z) for z in (0, side))
     held = np.isclose(points, 0) & [True, True, False]
     held[bottom | top] = True
-    shift = np.zeros_like(points)
-    shift[bottom, 2] = compression * side
-    u = solve_push(points, cells, lam, mu, held, shift, kinematics="neo-hookean")
+    target = np.zeros_like(points)
+    for plate, stretch in ((bottom, BOTTOM_STRETCH), (top, TOP_STRETCH)):
+        target[plate, :2] = stretch * points[plate, :2]
+    target[bottom, 2] = COMPRESSION * side
+
+    u, free = np.zeros_like(points), np.flatnonzero(~held)
+    for share in (0.5, 1.0):
+        step = np.where(held, share * target - u, 0.0)
+        while np.abs(step).max() > 1e-4:
+            stiffness, forces = _neo_hookean(shapes, basis.dx, dofs, u, lam, mu)
+            step = np.where(held, share * target - u, 0.0)
+            load = -forces - stiffness @ step.ravel()
+            step.flat[free] = spsolve(stiffness[free][:, free].tocsc(), load[free])
+            u = u + step
+
     bead = np.array(list(itertools.product(range(BEADS), repeat=3)))
     rest = 10.0 * (bead - [3, 3, 0]) * [1, 1, -1] + [0, 0, 70]
-    place = np.rint(np.abs(rest) / step).astype(int)  # nodes run along x, then y, then z
-    return rest, u[place @ [1, 9, 81]] * np.where(rest < 0, -1, 1)
+    distance = np.linalg.norm(points[None] - np.abs(rest)[:, None], axis=2)
+    return rest, u[distance.argmin(axis=1)] * np.where(rest < 0, -1, 1)
+
+
+def _neo_hookean(shapes, dx, dofs, u, lam, mu):
+    """Return tangent stiffness (3n, 3n) and internal forces (3n,) of P = μ(F − F⁻ᵀ) + λ ln J F⁻ᵀ.
+
+    `shapes` (a, 3, e, q): gradients of the shape functions; `dofs` (e, a): nodes of the elements.
+    """
+    F = np.einsum("eai,ajeq->eqij", u[dofs], shapes) + np.eye(3)
+    inverse = np.linalg.inv(F)
+    log = np.log(np.linalg.det(F))[..., None, None]
+    stress = mu * (F - inverse.swapaxes(2, 3)) + lam * log * inverse.swapaxes(2, 3)
+    local = np.einsum("ajeq,eqij,eq->eai", shapes, stress, dx)
+    forces = np.zeros_like(u)
+    np.add.at(forces, dofs, local)
+    pulled = np.einsum("ajeq,eqji->eqai", shapes, inverse)  # gradients in the pushed state
+    weight = (mu - lam * log) * dx[..., None, None]
+    size = 3 * dofs.shape[1]
+    blocks = np.einsum("eqak,eqbi,eq->eaibk", pulled, pulled, weight[..., 0, 0], optimize=True)
+    blocks += lam * np.einsum("eqai,eqbk,eq->eaibk", pulled, pulled, dx, optimize=True)
+    same = mu * np.einsum("ajeq,bjeq,eq->eab", shapes, shapes, dx, optimize=True)
+    blocks += np.einsum("eab,ik->eaibk", same, np.eye(3))
+    place = (3 * dofs[:, :, None] + np.arange(3)).reshape(len(dofs), size)
+    rows, columns = np.repeat(place, size, axis=1), np.tile(place, size)
+    entries = (blocks.ravel(), (rows.ravel(), columns.ravel()))
+    return sp.csr_matrix(entries, (u.size, u.size)), forces.ravel()
+
+
+def layer_means(cube: TruthCube) -> np.ndarray:
+    """Return stretch − 1 along x and y and mean rise (mm) of each layer of beads, (t, 7, 3)."""
+    rest = cube.points.reshape(*3 * (BEADS,), 3)
+    moved = cube.displacements.reshape(-1, *3 * (BEADS,), 3)
+    x = rest[..., 0].mean(axis=(1, 2))[:, None, None]
+    y = rest[..., 1].mean(axis=(0, 2))[:, None]
+    x, y = x - x.mean(), y - y.mean()
+    along_x = (moved[..., 0] * x).mean(axis=(1, 2)) / (x**2).mean()
+    along_y = (moved[..., 1] * y).mean(axis=(1, 2)) / (y**2).mean()
+    return np.stack([along_x, along_y, moved[..., 2].mean(axis=(1, 2))], axis=-1)
 
 
 def bead_noise(cube: TruthCube) -> np.ndarray:
@@ -155,9 +216,9 @@ def columns(cube: TruthCube, known: int) -> np.ndarray:
     return np.where(cube.index[:, 2] == known, PAD, column + 2)
 
 
-def rest_of_the_cube(cube: TruthCube, known: int) -> np.ndarray:
-    """Label the known layer 1 and all other cells 2."""
-    return np.where(cube.index[:, 2] == known, PAD, 2)
+def rest_of_the_cube(cube: TruthCube, known: int, axis: int = 2) -> np.ndarray:
+    """Label the known layer, counted along an axis, 1 and all other cells 2."""
+    return np.where(cube.index[:, axis] == known, PAD, 2)
 
 
 def _ranks(values, left_out):
@@ -219,8 +280,26 @@ def facts(cube: TruthCube) -> dict:
     }
 
 
+def pad_over_rest(cube: TruthCube, known: int, axis: int = 2, **options) -> tuple[float, ...]:
+    """Return log(E pad / E rest), its predicted standard deviation, and the report's noise."""
+    labels = rest_of_the_cube(cube, known, axis)
+    result = identify_cube(cube, labels, **options)
+    (log,), (std,) = log_moduli(result, labels)
+    return -log, std, result.report["noise_scale"]
+
+
+def every_layer(cube: TruthCube, **options) -> np.ndarray:
+    """Return :func:`pad_over_rest` with each layer as the pad, x, y, then z: (18, 3)."""
+    places = itertools.product(range(3), range(LAYERS))
+    return np.array([pad_over_rest(cube, layer, axis, **options) for axis, layer in places])
+
+
 RATIO_HEAD = """
 | body | kinematics | ν | pad | trials | refine | E pad / E rest | off by | noise |
+|---|---|---|---|---|---|---|---|---|"""
+LAYER_HEAD = """
+E pad / E rest, last trial, each layer the pad once (z: top to bottom)
+| ν | axis | body | 1 | 2 | 3 | 4 | 5 | 6 |
 |---|---|---|---|---|---|---|---|---|"""
 FLAT_HEAD = """
 | body | kinematics | ν | trials | groups | spread of log E | predicted | E / E of the pad |
@@ -229,15 +308,34 @@ FLAT_HEAD = """
 
 def print_ratio(body: str, cube: TruthCube, known: int, **options) -> None:
     """Print a table line: E of the pad over E of the rest, with its uncertainty."""
-    labels = rest_of_the_cube(cube, known)
-    result = identify_cube(cube, labels, **options)
-    (log,), (std,) = log_moduli(result, labels)
+    log, std, noise = pad_over_rest(cube, known, **options)
     print(
         f"| {_words(body, options, _END[known])} | {options.get('refine', 1)} "
-        f"| {np.exp(-log):.2f} ×÷ {np.exp(std):.2f} | {abs(log) / std:.1f} std "
-        f"| {result.report['noise_scale']:.2f} |",
+        f"| {np.exp(log):.2f} ×÷ {np.exp(std):.2f} | {abs(log) / std:.1f} std | {noise:.2f} |",
         flush=True,
     )
+
+
+def print_layers(cube: TruthCube, poisson: float) -> None:
+    """Print the ratio of every layer beside that of the twin without noise, and what is left."""
+    twin_log = every_layer(twin(cube, None), trials=(0,), poisson=poisson)[:, 0]
+    log, std, _ = every_layer(cube, trials=(2,), poisson=poisson).T
+    for axis in range(3):
+        here = slice(LAYERS * axis, LAYERS * (axis + 1))
+        for name, values in (("silicone", np.exp(log)), ("twin", np.exp(twin_log))):
+            print(f"| {poisson:g} | {'xyz'[axis]} | {name} | " + _row(values[here]))
+        print(f"| {poisson:g} | {'xyz'[axis]} | off by | " + _row(((log - twin_log) / std)[here]))
+    left = log - twin_log
+    print(
+        f"ν {poisson:g}: log of the ratio scatters by {log.std():.3f}, less the twin by "
+        f"{left.std():.3f}, predicted {np.sqrt((std**2).mean()):.3f}; off by "
+        f"{np.sqrt(((left / std) ** 2).mean()):.2f} std (root mean square)",
+        flush=True,
+    )
+
+
+def _row(values) -> str:
+    return " | ".join(f"{value:.2f}" for value in values) + " |"
 
 
 def print_flatness(body: str, cube: TruthCube, grouping: str, **options) -> None:
@@ -282,6 +380,9 @@ def main() -> None:
         settings["trials"] = (0,)
         for (name, seed), poisson in itertools.product(TWINS.items(), (0.45, 0.49)):
             print_ratio(name, twin(cube, seed), known, **settings, poisson=poisson)
+    print(LAYER_HEAD)
+    for poisson in (0.45, 0.48):
+        print_layers(cube, poisson)
     print(FLAT_HEAD)
     for kinematics, grouping in itertools.product(KINEMATICS, ("layers", "columns", "cells")):
         settings = {"kinematics": kinematics, "poisson": POISSON, "trials": (2,)}

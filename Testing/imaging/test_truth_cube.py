@@ -13,6 +13,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import truth_cube as cubes
 
+pytest.importorskip("skfem", reason="the computed twin needs scikit-fem")
+
 LAST = (2,)  # one trial: the three share the noise of the beads at rest
 TOP, BOTTOM = 0, 5
 
@@ -22,14 +24,6 @@ def cube(measured_data):
     if not (measured_data / "truthcube").is_dir():
         pytest.skip("the Truth Cube is not among the measured data")
     return cubes.read_truth_cube(measured_data / "truthcube")
-
-
-def pad_over_rest(cube, known, **options):
-    """Return log(E pad / E rest), its predicted standard deviation, and the report's noise."""
-    labels = cubes.rest_of_the_cube(cube, known)
-    result = cubes.identify_cube(cube, labels, **options)
-    (log,), (std,) = cubes.log_moduli(result, labels)
-    return -log, std, result.report["noise_scale"]
 
 
 def test_the_beads_are_a_lattice_pushed_along_its_third_axis(cube):
@@ -51,19 +45,40 @@ def test_the_silicone_keeps_its_volume(cube):
     np.testing.assert_allclose(cubes.volume_ratios(cube), 1, atol=0.003)
 
 
+def test_the_computed_twin_is_pushed_as_the_cube_was(cube):
+    """Its two friction figures are the only ones that were chosen to fit."""
+    measured, computed = cubes.layer_means(cube)[2], cubes.layer_means(cubes.twin(cube, None))[0]
+    np.testing.assert_allclose(computed[:, :2], measured[:, :2], atol=0.008)
+    np.testing.assert_allclose(computed[:, 2], measured[:, 2], atol=0.5)  # mm
+
+
 @pytest.mark.parametrize("poisson", [0.45, 0.48, 0.49])
 @pytest.mark.parametrize("known", [TOP, BOTTOM])
 def test_the_rest_is_as_stiff_as_the_pad(cube, known, poisson):
-    log, std, noise = pad_over_rest(cube, known, poisson=poisson, trials=LAST)
-    assert abs(log) < 3 * std
+    """As stiff as in the uniform twin on the same coarse cells, to what the noise allows."""
+    log, std, noise = cubes.pad_over_rest(cube, known, poisson=poisson, trials=LAST)
+    bias, *_ = cubes.pad_over_rest(cubes.twin(cube, None), known, poisson=poisson, trials=(0,))
+    # 3 as 0.3 % of chance; at ν = 0.49 noisy twins scatter up to 1.4 times as far as predicted
+    assert abs(log - bias) < (4.2 if poisson > 0.48 else 3) * std
     assert std < 0.35
     # 375 equations tell the noise to 4 %: the model explains the beads to their noise, no worse
     assert noise == pytest.approx(1, abs=0.12)
 
 
+@pytest.mark.slow
+def test_no_layer_of_the_cube_differs_by_more_than_its_noise(cube):
+    """Each of the 18 layers is the pad once: the twin's ratio, give or take the prediction."""
+    bias = cubes.every_layer(cubes.twin(cube, None), poisson=0.45, trials=(0,))[:, 0]
+    log, std, _ = cubes.every_layer(cube, poisson=0.45, trials=LAST).T
+    off = (log - bias) / std
+    assert 0.6 < np.sqrt((off**2).mean()) < 1.5
+    assert np.abs(off).max() < 3.2
+    assert (log - bias).std() < 0.8 * log.std()  # the twin tells which layers seem stiff
+
+
 @pytest.mark.parametrize("kinematics", ["small-strain", "st-venant-kirchhoff"])
 def test_laws_that_do_not_fit_a_push_of_23_percent_are_found_out(cube, kinematics):
-    log, std, _ = pad_over_rest(cube, TOP, kinematics=kinematics, trials=LAST)
+    log, std, _ = cubes.pad_over_rest(cube, TOP, kinematics=kinematics, trials=LAST)
     assert abs(log) > 4 * std
 
 
@@ -88,18 +103,19 @@ def test_the_map_per_cell_is_flat(cube):
     assert abs(np.nanmedian(log)) < 3 * np.nanmedian(std)
 
 
-@pytest.mark.parametrize(("poisson", "bias"), [(0.45, 0.08), (0.49, 0.06)])
-def test_the_mesh_of_beads_biases_a_uniform_cube_by_little(cube, poisson, bias):
-    """A computed cube: beads without noise, so that only the coarse linear cells can err."""
-    log, *_ = pad_over_rest(cubes.twin(cube, seed=None), TOP, poisson=poisson, trials=(0,))
-    assert abs(log) < bias
+@pytest.mark.parametrize(("known", "bias"), [(TOP, 0.2), (BOTTOM, 0.05)])
+def test_the_mesh_of_beads_biases_a_uniform_cube_by_little(cube, known, bias):
+    """A computed cube: beads without noise, so that only cells and ν can err. Most at the top,
+    where the cube sticks to its plate."""
+    twin = cubes.twin(cube, seed=None)
+    assert abs(cubes.pad_over_rest(twin, known, poisson=0.45, trials=(0,))[0]) < bias
 
 
 @pytest.mark.slow
 def test_the_predicted_deviation_is_that_of_repeated_noise(cube):
     """The ratio of eight noisy twins scatters as each of them predicts (8 values: 0.5 to 1.7)."""
     pairs = [
-        pad_over_rest(cubes.twin(cube, seed), TOP, poisson=0.45, trials=(0,))[:2]
+        cubes.pad_over_rest(cubes.twin(cube, seed), TOP, poisson=0.45, trials=(0,))[:2]
         for seed in range(8)
     ]
     log, std = np.array(pairs).T
