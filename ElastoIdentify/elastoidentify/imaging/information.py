@@ -6,7 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 BLUR = 0.7  # voxels, of the Gaussian that the image is differentiated with
-MODEL_ERROR = 0.4  # share of the control-point spacing, calibrated: see docs/registration.md
+# share of the resolution that the deformation model cannot follow, see docs/registration.md
+MODEL_ERROR = 0.4  # of B-splines, resolution: the control-point spacing
+REFINED_MODEL_ERROR = 0.2  # of displacements refined on the mesh, resolution: the node's patch
 _CHUNK = 4_000_000  # candidate voxels looked at in one go
 
 
@@ -104,6 +106,14 @@ def _chunks(count: np.ndarray):
     return np.split(busy, np.flatnonzero(np.diff(np.cumsum(count[busy]) // _CHUNK)) + 1)
 
 
+def fit_grey_values(rest: np.ndarray, warped: np.ndarray) -> tuple[float, float]:
+    """Gain and offset that bring `warped` closest to `rest` (least squares), both (v,)."""
+    centred = np.asarray(warped, float) - np.mean(warped)
+    power = (centred**2).sum()
+    gain = float((centred * rest).sum() / power) if power > 0 else 0.0
+    return gain, float(np.mean(rest) - gain * np.mean(warped))
+
+
 def noise_of_difference(difference: np.ndarray) -> float:
     """Robust standard deviation of grey-value differences: 1.4826 × median absolute deviation.
 
@@ -172,14 +182,14 @@ def displacement_information(
 
     The covariance at a node has two parts::
 
-        C = s² (h^d ⟨∇f ∇fᵀ⟩)⁻¹ + (0.4 h)² ⟨|δ∇u|²⟩ / d
+        C = s² (h^d ⟨∇f ∇fᵀ⟩)⁻¹ + (q h)² ⟨|δ∇u|²⟩ / d
 
     The first is image noise: s is the standard deviation of the difference of rest and warped
     pushed image, ⟨∇f ∇fᵀ⟩ the mean gradient product over the node's shape function, h the
     resolution of the registration (its control-point spacing), so that h^d voxels decide about one
     displacement. The second is what the deformation model cannot follow: it is proportional to the
-    change of the displacement gradient around the node. Its factor is measured, see
-    docs/registration.md.
+    change of the displacement gradient around the node. Its factor q is measured, see
+    docs/registration.md: 0.4 for B-splines, 0.2 for displacements refined on the mesh.
 
     Nodes closer than h share their error. They are weighted as if they shared one measurement:
     the information is C⁻¹ times min(1, A / h^d), A being the node's part of the mesh. So the
@@ -240,7 +250,8 @@ def displacement_information(
     certain = strength * (patch / np.maximum(volume, 1e-9))[:, None] / noise**2
     pixels = points * spacing
     spread = strain_spread(pixels, simplices(cells, dimension), displacement)
-    model = MODEL_ERROR**2 * patch ** (2 / dimension) * spread / dimension
+    factor = REFINED_MODEL_ERROR if resolution is None else MODEL_ERROR
+    model = factor**2 * patch ** (2 / dimension) * spread / dimension
     share = np.minimum(1.0, volume / patch)
     certain = share[:, None] * certain / (1 + model[:, None] * certain)
     return np.einsum("nab,nb,ncb->nac", axes, certain, axes), share, noise

@@ -18,7 +18,13 @@ from ..errors import InputError
 from ..progress import Progress, part, silent
 from .elastix_process import ElastixProcess
 from .image import Image
-from .information import displacement_information, signed_volumes, simplices, voxels_in_cells
+from .information import (
+    displacement_information,
+    fit_grey_values,
+    signed_volumes,
+    simplices,
+    voxels_in_cells,
+)
 from .parameter_files import control_point_spacing, load_parameters
 from .refinement import refine_displacement
 
@@ -28,6 +34,8 @@ LEAST_SIMILARITY = 0.5
 LARGEST_DISAGREEMENT = 1.0  # pixels, median over the nodes
 SMALLEST_PUSH = 0.5  # pixels
 BLIND = 1.0  # pixels of uncertainty at which a node counts as without texture
+# pixels that nodes are right to even there: their surroundings carry them (phantoms: 0.5 at most)
+CARRIED = 1.0
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # xx, yy, zz, xy, yz, xz
 
 
@@ -233,14 +241,6 @@ def similarity(first: np.ndarray, second: np.ndarray) -> float:
     first, second = (np.asarray(values, float) - np.mean(values) for values in (first, second))
     size = np.sqrt((first**2).sum() * (second**2).sum())
     return float((first * second).sum() / size) if size > 0 else 0.0
-
-
-def fit_grey_values(rest: np.ndarray, warped: np.ndarray) -> tuple[float, float]:
-    """Gain and offset that bring `warped` closest to `rest` (least squares), both (v,)."""
-    centred = np.asarray(warped, float) - np.mean(warped)
-    power = (centred**2).sum()
-    gain = float((centred * rest).sum() / power) if power > 0 else 0.0
-    return gain, float(np.mean(rest) - gain * np.mean(warped))
 
 
 def folded_share(points: np.ndarray, displaced: np.ndarray, corners: np.ndarray) -> float:
@@ -478,7 +478,7 @@ class _Work:
             return displacement
         spacing = self.frame.spacing
         voxels = refine_displacement(
-            self.rest, trial, self.index, self.cells, displacement / spacing
+            self.rest, trial, self.index, self.cells, displacement / spacing, spacing
         )
         return np.where(self.outside[:, None], displacement, voxels * spacing)
 
@@ -513,9 +513,10 @@ class _Work:
             resolution=None if self.refine else control_point_spacing(self.maps),
         )
         information[self.outside] = 0.0
-        self.information[k] = information
         pixels = self.index * self.frame.spacing
         weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)
+        carried = np.where(self.outside, 0.0, share) / CARRIED**2
+        self.information[k] = information + carried[:, None, None] * np.eye(len(self.frame.kept))
         return {
             "similarity_before": similarity(rest, before),
             "similarity_after": similarity(rest, after),
