@@ -146,6 +146,24 @@ def test_failed_registration_is_one_line_and_no_output(segmentation):
     assert registration.GetOutput().GetNumberOfPoints() == 0
 
 
+def test_the_arrays_of_a_registration_replace_those_of_an_earlier_one(segmentation):
+    from elastoidentify.filters.registration import write_registration
+    from elastoidentify.imaging.registration import Registration
+
+    grid = mesh_by_filter(segmentation, edge_length=4.0)
+    nodes = grid.GetNumberOfPoints()
+    for trials, backward in ((2, True), (1, False)):
+        pixels = np.full((trials, nodes), 0.25) if backward else None
+        arrays = np.ones((trials, nodes, 3)), np.ones((trials, nodes, 6))
+        write_registration(grid, Registration(*arrays, pixels, {"warnings": []}))
+        data = grid.GetPointData()
+        names = {data.GetArrayName(i) for i in range(data.GetNumberOfArrays())}
+        assert ("Displacement_2" in names) == ("DisplacementInformation_2" in names) == (trials > 1)
+        assert ("Disagreement_1" in names) == ("Disagreement_2" in names) == backward
+        if backward:
+            assert (convert.get_array(data, "Disagreement_2") == 0.25).all()
+
+
 @pytest.mark.slow
 def test_images_to_stiffness_by_filters_alone(phantom):
     """The whole chain; what it finds is held against the phantom's truth."""

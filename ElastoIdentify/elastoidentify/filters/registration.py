@@ -19,16 +19,19 @@ from .convert import (
 )
 from .options import Choice, File, Flag
 
+DISAGREEMENT = "Disagreement"
+
 
 class ElastixNodalDisplacement(Filter):
     """Register every pushed image to the rest image, and read the displacement at the nodes.
 
     Inputs: the mesh (port 0), the rest image (port 1), one pushed image per trial (port 2, any
     number, or a series with a push per time step). Output: the mesh with the point arrays
-    ``Displacement_k`` (rest → pushed, in the mesh's length unit) and
-    ``DisplacementInformation_k`` (inverse covariance, xx yy zz xy yz xz, in 1/length²), and the
-    field data string ``RegistrationReport`` (JSON). All else that the mesh carries stays. The
-    registration runs in a worker process and can be cancelled.
+    ``Displacement_k`` (rest → pushed, in the mesh's length unit),
+    ``DisplacementInformation_k`` (inverse covariance, xx yy zz xy yz xz, in 1/length²) and
+    ``Disagreement_k`` (pixels by which going to the pushed image and back misses the node; only
+    with ``backward``), and the field data string ``RegistrationReport`` (JSON). All else that the
+    mesh carries stays. The registration runs in a worker process and can be cancelled.
 
     A planar mesh in a slice of three-dimensional images is registered in that slice.
     """
@@ -132,11 +135,11 @@ def displaced(mesh, rest, pushed, *, mask=None, **options):
 
 
 def write_registration(grid, registration):
-    """Put displacements, their information and the report into the mesh."""
-    for name in displacement_names(grid):
-        grid.GetPointData().RemoveArray(name)
-        grid.GetPointData().RemoveArray(information_name(name))
+    """Put displacements, their information, their disagreement and the report into the mesh."""
     data = grid.GetPointData()
+    for name in displacement_names(grid):
+        for array in (name, information_name(name), name.replace("Displacement", DISAGREEMENT)):
+            data.RemoveArray(array)
     for number, displacement in enumerate(registration.displacements, 1):
         set_array(data, f"Displacement_{number}", vectors(np.asarray(displacement, float)))
     for number, information in enumerate(registration.information, 1):
@@ -144,6 +147,9 @@ def write_registration(grid, registration):
         set_array(data, name, np.asarray(information, float))
         for component, (i, j) in enumerate(INFORMATION_COMPONENTS):
             data.GetArray(name).SetComponentName(component, "xyz"[i] + "xyz"[j])
+    if registration.disagreement is not None:
+        for number, pixels in enumerate(registration.disagreement, 1):
+            set_array(data, f"{DISAGREEMENT}_{number}", np.asarray(pixels, float))
     set_text(grid, "RegistrationReport", to_json(registration.report))
 
 
