@@ -132,7 +132,11 @@ class BackgroundJob:
         if self.state is not State.RUNNING:
             return
         self.state, self.error = State.CANCELLED, Cancelled("cancelled")
-        self._process.kill()  # a registration under way ends with it: its input is closed
+        # Slicer's interpreter is behind a launcher, which alone would be killed: closing the input
+        # ends the interpreter too, and a registration under way with it.
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        self._process.kill()
         self._process.wait()
         self._clean()
 

@@ -96,6 +96,7 @@ def layouts():
     """The application's layouts and slice views, as with a main window."""
     slicer.app.layouts = LayoutManager()
     yield slicer.app.layouts
+    slicer.app.layouts._close()
     slicer.app.layouts = None
 
 

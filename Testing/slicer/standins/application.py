@@ -58,6 +58,20 @@ class LayoutManager:
     def resetThreeDViews(self):
         pass  # no window, no camera
 
+    def _close(self):
+        """Take the views out of the scene; singletons stay in it otherwise."""
+        nodes = [self._logic.GetLayoutNode()]
+        for position in range(self._slices.GetNumberOfItems()):
+            logic = self._slices.GetItemAsObject(position)
+            nodes += [logic.GetSliceModelNode(), logic.GetSliceCompositeNode()]
+            logic.SetMRMLScene(None)
+        views = self._logic.GetViewNodes()
+        nodes += [views.GetItemAsObject(n) for n in range(views.GetNumberOfItems())]
+        self._logic.SetMRMLScene(None)
+        for node in nodes:
+            if node is not None and slicer.mrmlScene.IsNodePresent(node):
+                slicer.mrmlScene.RemoveNode(node)
+
 
 class Application:
     """What module logic may ask of `slicer.app`; anything else raises AttributeError."""

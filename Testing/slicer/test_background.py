@@ -1,0 +1,83 @@
+"""Background work behind a launcher, as Slicer's own interpreter is.
+
+`PythonSlicer` is CTK's application launcher: it starts the real interpreter as a child, forwards
+its standard input and output, and waits. Killing the launcher leaves the interpreter alone.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+slicer = pytest.importorskip("slicer")
+
+from elastoidentify.background import BackgroundJob, State  # noqa: E402
+from ElastoIdentifyLib import sample  # noqa: E402
+from ElastoIdentifyLib.request import Request  # noqa: E402
+
+from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
+
+BUSY = """
+import runpy, sys, time
+from elastoidentify import pipeline
+pipeline.make_mesh = lambda *_: time.sleep(60)
+del sys.argv[1:3]  # -m elastoidentify.background
+runpy.run_module("elastoidentify.background", run_name="__main__")
+"""
+
+
+@pytest.fixture
+def launched(tmp_path, monkeypatch):
+    """Put a PythonSlicer on the path; returns the file in which it notes what it starts.
+
+    A file busy.py beside it is what the interpreter runs, if there is one.
+    """
+    notes, busy, launcher = (tmp_path / name for name in ("pids", "busy.py", "PythonSlicer"))
+    launcher.write_text(
+        "#!/bin/sh\n"
+        "exec 3<&0\n"
+        f'[ -f "{busy}" ] && set -- "{busy}" "$@"\n'
+        f'"{sys.executable}" "$@" <&3 &\n'  # a child, with the same input and output
+        f'echo $! >> "{notes}"\n'
+        "wait $!\n"
+    )
+    launcher.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    return notes
+
+
+def running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked up in /proc")
+def test_cancel_ends_the_interpreter_behind_the_launcher_and_does_not_wait(launched):
+    launched.with_name("busy.py").write_text(BUSY)
+    inputs, _ = sample.add_exact_push()
+    job = BackgroundJob("make_mesh", Request(**inputs).job())
+    until = time.monotonic() + 30
+    while not (launched.exists() and launched.read_text().strip()) and time.monotonic() < until:
+        time.sleep(0.02)
+    pid = int(launched.read_text())
+    assert running(pid)
+    before = time.monotonic()
+    job.cancel()
+    assert time.monotonic() - before < 5  # one reader of its output that is given up on takes 5
+    assert job.state is State.CANCELLED
+    until = time.monotonic() + 10
+    while running(pid) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not running(pid)
+
+
+def test_a_map_is_computed_behind_the_launcher(launched):
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    assert len(launched.read_text().split()) == 2  # mesh, then identification
+    assert result.table.GetNumberOfRows() == 2
