@@ -160,7 +160,7 @@ def displacement(arguments) -> None:
     """Take the displacement of a mesh's nodes from fields, transforms or tables of points."""
     import numpy as np
 
-    from .filters.convert import mesh_points
+    from .filters.convert import mesh_points, set_array
     from .filters.registration import write_registration
     from .imaging import displacement_sources as sources
     from .imaging.registration import Registration
@@ -183,6 +183,8 @@ def displacement(arguments) -> None:
     information = np.array([one.information for one in measured]) if known_noise else ()
     displacements = np.array([one.displacement for one in measured])
     write_registration(grid, Registration(displacements, information, None, {"warnings": notes}))
+    for number, one in enumerate(measured, 1):
+        set_array(grid.GetPointData(), f"Covered_{number}", one.covered.astype(np.uint8))
     _write_mesh(arguments.output, grid)
 
 

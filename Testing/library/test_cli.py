@@ -138,6 +138,14 @@ def test_phantom_mesh_and_displacement_work_from_file_to_file(tmp_path, capsys):
     data = read_mesh(out).GetPointData()
     assert np.allclose(get_array(data, "Displacement_2"), 0.01 * points)
     assert np.allclose(get_array(data, "DisplacementInformation_2")[:, :3], 100.0)
+    assert get_array(data, "Covered_2").all()
+
+    half = rows[points[:, 0] < np.quantile(points[:, 0], 0.8)]
+    np.savetxt(table, half, delimiter=",", header="x,y,z,u,v,w", comments="")
+    code, text, _ = run("displacement", "--mesh", mesh, "--points", table, "-o", out, capsys=capsys)
+    assert code == 0
+    assert "give the noise to take that away" in text
+    assert 0.5 < get_array(read_mesh(out).GetPointData(), "Covered_1").mean() < 0.95
 
 
 def test_table2_prints_the_papers_figures(capsys):
