@@ -30,3 +30,15 @@ def program(name: str, command: str = APT_PARAVIEW) -> str:
     if path is None:
         host_missing(f"{name} is not installed", command)
     return path
+
+
+def has_elastix() -> bool:
+    """Tell whether an interpreter with itk-elastix is found."""
+    from elastoidentify.errors import InputError
+    from elastoidentify.imaging.elastix_process import find_interpreter
+
+    try:
+        find_interpreter()
+    except InputError:
+        return False
+    return True

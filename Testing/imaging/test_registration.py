@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elastoidentify.errors import Cancelled, InputError
-from elastoidentify.imaging.elastix_process import ElastixProcess, find_interpreter
+from elastoidentify.imaging.elastix_process import ElastixProcess
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.registration import (
     SIX,
@@ -16,24 +16,15 @@ from elastoidentify.imaging.registration import (
     on_grid_of,
     register,
 )
+from hosts import has_elastix
 from scipy import ndimage
-
-HERE = Path(__file__).parent
-SQUARE = np.array([[40.0, 40, 0], [90, 40, 0], [90, 90, 0], [40, 90, 0]])
-QUAD = np.array([[0, 1, 2, 3]])
-
-
-def has_elastix():
-    try:
-        find_interpreter()
-    except InputError:
-        return False
-    return True
-
 
 needs_elastix = pytest.mark.skipif(
     not has_elastix(), reason='needs itk-elastix: pip install "elastoidentify[registration]"'
 )
+HERE = Path(__file__).parent
+SQUARE = np.array([[40.0, 40, 0], [90, 40, 0], [90, 90, 0], [40, 90, 0]])
+QUAD = np.array([[0, 1, 2, 3]])
 
 
 @pytest.fixture(scope="module")

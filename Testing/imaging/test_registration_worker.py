@@ -23,15 +23,7 @@ from elastoidentify.imaging.parameter_files import (
     read_parameter_map,
     shipped_maps,
 )
-
-
-def has_elastix():
-    try:
-        find_interpreter()
-    except InputError:
-        return False
-    return True
-
+from hosts import has_elastix
 
 needs_elastix = pytest.mark.skipif(
     not has_elastix(), reason='needs itk-elastix: pip install "elastoidentify[registration]"'
