@@ -14,7 +14,7 @@ from elastoidentify.errors import Cancelled  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
 from elastoidentify.imaging.phantom import Inclusion, make_phantom  # noqa: E402
-from elastoidentify.pipeline import cell_blocks  # noqa: E402
+from elastoidentify.pipeline import cell_blocks, run  # noqa: E402
 from ElastoIdentifyLib import images, outputs, sample  # noqa: E402
 from ElastoIdentifyLib.request import KNOWN, Material, Request  # noqa: E402
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
@@ -67,13 +67,9 @@ def test_map_equals_the_librarys_in_lps():
     result = ElastoIdentifyLogic().process(**inputs)
     request = Request(**inputs)
     job = request.job()
-    lps = Image(
-        job.segmentation.array,
-        FLIP * job.segmentation.origin,
-        job.segmentation.spacing,
-        FLIP[:, None] * job.segmentation.direction,
+    mesh = mesh_segmentation(
+        in_lps(job.segmentation), job.edge_length, rigid_labels=job.rigid_labels
     )
-    mesh = mesh_segmentation(lps, job.edge_length, rigid_labels=job.rigid_labels)
     shifts = images.nodal_displacements(request.transforms, mesh.points * FLIP, False)
     direct = identify(
         mesh.points,
@@ -435,10 +431,24 @@ def test_phantom_images_lie_where_the_library_puts_them():
     assert (back.array == image.array).all()
 
 
+def in_lps(image):
+    """The same image in the LPS world of files."""
+    return Image(image.array, FLIP * image.origin, image.spacing, FLIP[:, None] * image.direction)
+
+
 @pytest.mark.slow
-def test_phantom_from_images_to_the_map():
-    """The whole way with elastix: the found contrast is within 25 % of the truth."""
-    phantom = make_phantom(inclusions=[Inclusion(contrast=3.0)], pixels=144, elements=48)
+def test_oblique_phantom_from_images_to_the_map():
+    """The whole way with elastix: the library's values, and a contrast within 25 % of the truth."""
+    turn, tilt = 0.3, 0.2
+    about_s = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    about_l = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
+    phantom = make_phantom(
+        inclusions=[Inclusion(contrast=3.0)],
+        pixels=144,
+        elements=48,
+        origin=(30.0, -14.0, 8.0),
+        direction=np.array(about_s) @ about_l,
+    )
     inputs = sample.phantom_nodes(phantom)
     inputs["options"]["grouping"] = "label"
     steps = []
@@ -458,6 +468,22 @@ def test_phantom_from_images_to_the_map():
     assert median["inclusion"] / median["tissue"] == pytest.approx(3.0, rel=0.25)
     report = ElastoIdentifyLogic.report(result)
     assert "cells identified" in report
+
+    job = Request(**inputs).job()
+    job.rest, job.segmentation = in_lps(job.rest), in_lps(job.segmentation)
+    job.pushed = [in_lps(image) for image in job.pushed]
+    assert np.allclose(job.rest.origin, phantom.rest.origin)
+    assert np.allclose(job.rest.direction, phantom.rest.direction)
+    outcome = run(job)
+    grid = result.model.GetMesh()
+    points = vtk_to_numpy(grid.GetPoints().GetData())
+    assert np.allclose(points, outcome.mesh.points * FLIP, atol=1e-9)
+    for number, displacement in enumerate(outcome.displacements, 1):
+        stored = vtk_to_numpy(grid.GetPointData().GetArray(f"Displacement_{number}"))
+        assert np.allclose(stored, displacement * FLIP, atol=1e-9)
+    assert (cell_data(result, "Status") == outcome.result.status).all()
+    for name, values in (("Mu", outcome.result.mu), ("Lambda", outcome.result.lam)):
+        assert np.allclose(cell_data(result, name), values, rtol=1e-9, equal_nan=True), name
 
 
 def test_no_file_stays_behind(tmp_path, monkeypatch):
