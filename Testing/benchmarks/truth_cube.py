@@ -36,6 +36,7 @@ POISSON = 0.49  # the material's 0.499 locks linear cells: see docs/evidence.md
 NOISE = np.array([0.10, 0.27, 0.10])  # mm, of a bead's displacement along x, y, z
 KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
 BEADS, LAYERS = 7, 6
+SLICE, ON_SLICES = 0.625, (0.81, 0.68)  # mm along y; share of the beads on a slice, rest and pushed
 TWIN_POISSON = 0.495  # quadratic elements carry it
 COMPRESSION, TOP_STRETCH, BOTTOM_STRETCH = 0.205, 0.02, 0.075  # see `layer_means`
 PAD = 1  # label of the known layer
@@ -106,12 +107,33 @@ def read_truth_cube(folder: str | Path = FOLDER) -> TruthCube:
     return TruthCube(rest, np.array(displacements), np.stack(corners, 1), index, outside)
 
 
-def twin(cube: TruthCube, seed: int | None = 0) -> TruthCube:
-    """Return a computed cube with one trial; `seed` is that of the beads' noise, None for none."""
+def twin(cube: TruthCube, seed: int | None = 0, rounded: bool = False) -> TruthCube:
+    """Return a computed cube with one trial.
+
+    Parameters
+    ----------
+    seed : int or None
+        Of the beads' noise; None for none.
+    rounded : bool
+        The error along y is that of CT slices instead: most beads are put on the nearest slice. A
+        plane of beads then errs together, which third differences do not see.
+    """
     rest, moved = _twin()
-    if seed is not None:
-        moved = moved + NOISE * np.random.default_rng(seed).standard_normal(moved.shape)
-    return replace(cube, points=rest, displacements=moved[None])
+    if seed is None:
+        return replace(cube, points=rest, displacements=moved[None])
+    random = np.random.default_rng(seed)
+    noise = NOISE * random.standard_normal(moved.shape)
+    if rounded:
+        tilt = random.uniform(-0.005, 0.005, 2)  # of the cube in the scanner
+        y = rest[:, 1] + 0.12 * random.standard_normal(len(rest)) + rest[:, [0, 2]] @ tilt
+        states = [y + shift + random.uniform(0, SLICE) for shift in (0, moved[:, 1])]
+        errors = [
+            np.where(random.random(len(rest)) < share, SLICE * np.rint(one / SLICE) - one, 0.0)
+            for one, share in zip(states, ON_SLICES, strict=True)
+        ]
+        noise[:, 1] = errors[1] - errors[0]
+        rest = rest + np.outer(states[0] + errors[0] - rest[:, 1], [0, 1, 0])
+    return replace(cube, points=rest, displacements=(moved + noise)[None])
 
 
 @cache
@@ -316,18 +338,18 @@ def print_ratio(body: str, cube: TruthCube, known: int, **options) -> None:
     )
 
 
-def print_layers(cube: TruthCube, poisson: float) -> None:
-    """Print the ratio of every layer beside that of the twin without noise, and what is left."""
-    twin_log = every_layer(twin(cube, None), trials=(0,), poisson=poisson)[:, 0]
-    log, std, _ = every_layer(cube, trials=(2,), poisson=poisson).T
-    for axis in range(3):
+def print_layers(body: str, cube: TruthCube, clean: TruthCube, poisson: float, *trials) -> None:
+    """Print the ratio of every layer beside that of the clean twin, and what is left."""
+    twin_log = every_layer(clean, trials=(0,), poisson=poisson)[:, 0]
+    log, std, _ = every_layer(cube, trials=trials, poisson=poisson).T
+    for axis in range(3) if body == "silicone" else ():
         here = slice(LAYERS * axis, LAYERS * (axis + 1))
         for name, values in (("silicone", np.exp(log)), ("twin", np.exp(twin_log))):
             print(f"| {poisson:g} | {'xyz'[axis]} | {name} | " + _row(values[here]))
         print(f"| {poisson:g} | {'xyz'[axis]} | off by | " + _row(((log - twin_log) / std)[here]))
     left = log - twin_log
     print(
-        f"ν {poisson:g}: log of the ratio scatters by {log.std():.3f}, less the twin by "
+        f"{body}, ν {poisson:g}: log of the ratio scatters by {log.std():.3f}, less the twin by "
         f"{left.std():.3f}, predicted {np.sqrt((std**2).mean()):.3f}; off by "
         f"{np.sqrt(((left / std) ** 2).mean()):.2f} std (root mean square)",
         flush=True,
@@ -382,7 +404,10 @@ def main() -> None:
             print_ratio(name, twin(cube, seed), known, **settings, poisson=poisson)
     print(LAYER_HEAD)
     for poisson in (0.45, 0.48):
-        print_layers(cube, poisson)
+        print_layers("silicone", cube, twin(cube, None), poisson, 2)
+    for seed, rounded in itertools.product((1, 2, 3), (False, True)):
+        body = f"twin, {'rounded to slices' if rounded else 'noise'} {seed}"
+        print_layers(body, twin(cube, seed, rounded), twin(cube, None), 0.45, 0)
     print(FLAT_HEAD)
     for kinematics, grouping in itertools.product(KINEMATICS, ("layers", "columns", "cells")):
         settings = {"kinematics": kinematics, "poisson": POISSON, "trials": (2,)}
