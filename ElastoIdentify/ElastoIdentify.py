@@ -76,9 +76,15 @@ def loadSample(source=None):
     from ElastoIdentifyLib.sample import add_phantom
     from ElastoIdentifyLib.views import show_volume
 
-    nodes = add_phantom()
+    nodes = add_phantom(_tell)
     show_volume(nodes[0])
     return nodes
+
+
+def _tell(fraction, text):
+    """Show progress in the status bar; nothing can be clicked meanwhile."""
+    slicer.util.showStatusMessage(f"{SAMPLE}: {100 * fraction:.0f} %, {text}", 2000)
+    slicer.app.processEvents(qt.QEventLoop.ExcludeUserInputEvents)
 
 
 @parameterNodeWrapper

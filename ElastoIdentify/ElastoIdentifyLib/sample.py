@@ -79,10 +79,17 @@ def phantom_nodes(phantom, name: str = "Phantom") -> dict:
     }
 
 
-def add_phantom() -> list:
+def add_phantom(progress=None) -> list:
     """Add the Sample Data phantom: a stiff inclusion under a pad, 3 times its surroundings.
 
-    Returns its nodes, the rest volume first.
+    Parameters
+    ----------
+    progress : callable(fraction, text), optional
+
+    Returns
+    -------
+    list
+        Its nodes, the rest volume first.
     """
     with slicer.util.tryWithErrorDisplay("The phantom could not be made.", waitCursor=True):
         phantom = make_phantom(
@@ -90,6 +97,7 @@ def add_phantom() -> list:
             inclusions=[Inclusion(contrast=3.0)],
             solver=solve_pushes_on_quads,  # Slicer has no scikit-fem
             elements=120,
+            progress=progress,
         )
         inputs = phantom_nodes(phantom)
     return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]

@@ -401,8 +401,13 @@ def test_the_sample_is_made_without_network_and_says_what_its_segments_are(monke
     def refuse(*_, **__):
         raise AssertionError("the sample asked for the network")
 
+    told = []
     monkeypatch.setattr(socket, "socket", refuse)
+    monkeypatch.setattr(slicer.util, "showStatusMessage", lambda text, _: told.append(text))
     rest, *pushed, segmentation = loadSample()
+    shares = [int(text.split(": ")[1].split(" %")[0]) for text in told]
+    assert len(shares) > 3
+    assert shares == sorted(shares)
     assert rest.GetName() == "Phantom rest"
     assert len(pushed) == 2
     request = Request(restVolume=rest, pushedVolumes=pushed, segmentation=segmentation)

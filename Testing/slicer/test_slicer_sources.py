@@ -133,6 +133,7 @@ def test_mrml_and_vtk_methods_are_in_this_version_of_slicer():
     of_vtk = {name for cls in vars(vtk).values() if isinstance(cls, type) for name in dir(cls)}
     of_qt = set(dir(QtWidgets)) | set(dir(QtCore)) | set(dir(QtCore.Qt))
     of_qt |= set(dir(QtCore.Qt.ItemFlag)) | {"NoItemFlags"}
+    of_qt |= set(dir(QtCore.QEventLoop.ProcessEventsFlag))
     folder = sources.folder()
     headers = [*(folder / "Libs").rglob("*.h"), *(folder / "Modules" / "Loadable").rglob("*.h")]
     headers += (folder.parent / "vtkAddon").glob("*.h")
@@ -208,7 +209,7 @@ def test_the_sample_data_module_has_our_button_and_a_click_makes_the_nodes(
     slot()  # a reloaded module registers again: one button all the same
     monkeypatch.setattr(ctk, "ctkCollapsibleGroupBox", widgets.widget_base("QGroupBox"))
     monkeypatch.setattr(ctk, "ctkFlowLayout", FlowLayout, raising=False)
-    window = types.SimpleNamespace(iconSize=QtCore.QSize(16, 16))
+    window = types.SimpleNamespace(iconSize=QtCore.QSize(16, 16), statusBar=lambda: None)
     monkeypatch.setattr(slicer.util, "mainWindow", lambda: window)
     panel = widgets.ModulePanel()
     logic = sample_data.SampleDataLogic()

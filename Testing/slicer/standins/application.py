@@ -93,6 +93,9 @@ class Application:
     def testingEnabled(self):
         return True
 
+    def topLevelWidgets(self):
+        return []
+
     def processEvents(self, *_):
         pass
 
