@@ -398,7 +398,7 @@ def main() -> None:
         for poisson in (0.45, 0.48, 0.499):
             print_ratio("silicone", cube, known, **settings, poisson=poisson)
         if options.refined:
-            print_ratio("silicone", cube, known, **settings, poisson=POISSON, refine=4)
+            print_ratio("silicone", cube, known, **settings, poisson=0.48, refine=4)
         settings["trials"] = (0,)
         for (name, seed), poisson in itertools.product(TWINS.items(), (0.45, 0.49)):
             print_ratio(name, twin(cube, seed), known, **settings, poisson=poisson)
