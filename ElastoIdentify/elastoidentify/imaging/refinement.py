@@ -18,7 +18,7 @@ from .information import BLUR, fit_grey_values, signed_volumes, simplices, voxel
 
 GAP = 1.0  # weight of the equilibrium gap over that of the images, as mean diagonals
 POISSON_RATIO = 0.45  # of the equilibrium gap; what 0.3 and 0.49 do: docs/registration.md
-DAMPING = 0.03  # share of the mean texture below which a node keeps the registration's displacement
+DAMPING = 0.1  # share of the mean texture below which a node keeps the registration's displacement
 LONGEST_STEP = 1.0  # voxels
 
 
@@ -59,33 +59,44 @@ def refine_displacement(
     """
     dimension = rest.ndim
     spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
-    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
-    if not len(voxels):
+    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing)
+    scale = matrix.diagonal().mean()
+    if not scale > 0:  # images without texture
         return displacement.copy()
+    u = (displacement * spacing).ravel()
+    gap = equilibrium_gap(simplex_mesh(points * spacing, cells))
+    if gap.nnz:
+        gap = gap * (GAP * scale / gap.diagonal().mean())
+    damped = (matrix + gap + DAMPING * scale * sp.identity(u.size)).tocsc()
+    step = spl.splu(damped, permc_spec="MMD_AT_PLUS_A").solve(force - gap @ u)
+    step = step.reshape(displacement.shape) / spacing
+    return displacement + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+
+
+def correlation_system(rest, pushed, points, cells, displacement, spacing):
+    """The matrix M and the right-hand side Σ N ∇f (f − g(x + u)) of a Gauss–Newton step.
+
+    Arguments as in :func:`refine_displacement`. Gradients per unit of `spacing`; unknowns ordered
+    node by node.
+
+    Returns
+    -------
+    matrix : csr_matrix, (n·d, n·d)
+    force : (n·d,)
+    """
+    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
     here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
     there = here + np.einsum("va,vad->vd", weights, displacement[near])
     first, second = (_value_and_gradient(*pair) for pair in ((rest, here), (pushed, there)))
     gain, offset = fit_grey_values(first[0], second[0])
     difference = first[0] - (gain * second[0] + offset)
     gradient = (first[1:] + gain * second[1:]) / 2 / spacing[:, None]
-
     shape = sp.csr_matrix(
         (weights.ravel(), near.ravel(), np.arange(len(voxels) + 1) * near.shape[1]),
         (len(voxels), len(points)),
     )
-    matrix = _correlation_matrix(shape, gradient)
     force = np.stack([shape.T @ (one * difference) for one in gradient], 1).ravel()
-    scale = matrix.diagonal().mean()
-    if not scale > 0:  # images without texture
-        return displacement.copy()
-    u = displacement * spacing
-    gap = equilibrium_gap(_simplex_mesh(points * spacing, cells))
-    if gap.nnz:
-        gap = gap * (GAP * scale / gap.diagonal().mean())
-    damped = matrix + gap + DAMPING * scale * sp.identity(u.size)
-    step = spl.splu(damped.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(force - gap @ u.ravel())
-    step = step.reshape(u.shape) / spacing
-    return displacement + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    return _correlation_matrix(shape, gradient), force
 
 
 def equilibrium_gap(mesh: Mesh) -> sp.csr_matrix:
@@ -97,7 +108,7 @@ def equilibrium_gap(mesh: Mesh) -> sp.csr_matrix:
     return (rows.T @ rows).tocsr()
 
 
-def _simplex_mesh(points: np.ndarray, cells: np.ndarray) -> Mesh:
+def simplex_mesh(points: np.ndarray, cells: np.ndarray) -> Mesh:
     """The triangles or tetrahedra that the shape functions live on, all turned the same way."""
     corners = simplices(cells, points.shape[1])
     size = signed_volumes(points, corners)
