@@ -1,14 +1,14 @@
 """Forward data for claims about noise: a finer mesh and another element type than identification.
 
 A square body with a soft-tissue inclusion and a known strip on top, pushed at the top, solved with
-scikit-fem on quadratic quadrilaterals.
+scikit-fem on quadratic quadrilaterals; a cube likewise, on quadratic hexahedra.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 import skfem
-from elastoidentify.pushing import square_mesh
+from elastoidentify.pushing import box_mesh, square_mesh
 from scipy.spatial import Delaunay, cKDTree
 from skfem.helpers import ddot, sym_grad, trace
 
@@ -19,7 +19,7 @@ class Case:
 
     points: np.ndarray
     cells: np.ndarray
-    displacements: np.ndarray  # exact, (n_trials, n_nodes, 2)
+    displacements: np.ndarray  # exact, (n_trials, n_nodes, dim)
     young: np.ndarray  # true E per cell
     known: np.ndarray  # (n_cells,) bool
     poisson: float
@@ -27,8 +27,8 @@ class Case:
 
     @property
     def reaction(self):
-        y = self.points[:, 1]
-        return (y < 1e-9) | (y > SIDE - 1e-9)
+        height = self.points[:, -1]
+        return (height < 1e-9) | (height > SIDE - 1e-9)
 
     @property
     def materials(self):
@@ -60,40 +60,49 @@ def published(poisson=0.495, contrast=5.0, edge=1.185, follows_edge=True, pushes
     return _case(points, cells, centre, radius, poisson, contrast, pushes, 3.0)
 
 
+def boxes(n, poisson=0.43, contrast=3.0, radius=7.0):
+    """n×n×n hexahedra with a ball inside, pushed four ways."""
+    points, cells = box_mesh((n, n, n), (SIDE, SIDE, SIDE))
+    pushes = (0, 0, -1.5), (1.1, 0, -1.1), (0, 1.1, -1.1), (-0.8, -0.8, -1.0)
+    return _case(points, cells, (15.0, 15.0, 12.0), radius, poisson, contrast, pushes, 6.0)
+
+
 def _case(points, cells, centre, radius, poisson, contrast, pushes, strip):
-    from_edge = np.hypot(*(points[cells].mean(axis=1) - centre).T) - radius
+    from_edge = np.linalg.norm(points[cells].mean(axis=1) - centre, axis=1) - radius
     young = np.where(from_edge < 0, contrast, 1.0)
-    known = points[cells].mean(axis=1)[:, 1] > SIDE - strip
+    known = points[cells].mean(axis=1)[:, -1] > SIDE - strip
     u = _solve(points, centre, radius, poisson, contrast, pushes)
     return Case(points, cells, u, young, known, poisson, from_edge)
 
 
-def _solve(points, centre, radius, poisson, contrast, pushes, n=60):
-    line = np.linspace(0, SIDE, n + 1)
-    mesh = skfem.MeshQuad.init_tensor(line, line)
-    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=5)
+def _solve(points, centre, radius, poisson, contrast, pushes):
+    dim = points.shape[1]
+    line = np.linspace(0, SIDE, {2: 61, 3: 9}[dim])
+    mesh = {2: skfem.MeshQuad, 3: skfem.MeshHex}[dim].init_tensor(*[line] * dim)
+    element = {2: skfem.ElementQuad2, 3: skfem.ElementHex2}[dim]()
+    basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder={2: 5, 3: 4}[dim])
 
     @skfem.BilinearForm
     def stiffness(u, v, w):
-        x, y = w.x
-        inside = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 < radius**2
+        inside = sum((x - c) ** 2 for x, c in zip(w.x, centre, strict=True)) < radius**2
         E = np.where(inside, contrast, 1.0)
         lam, mu = E * poisson / ((1 + poisson) * (1 - 2 * poisson)), E / (2 * (1 + poisson))
         eu, ev = sym_grad(u), sym_grad(v)
         return lam * trace(eu) * trace(ev) + 2 * mu * ddot(eu, ev)
 
     K = stiffness.assemble(basis)
-    top = basis.get_dofs(lambda x: np.isclose(x[1], SIDE))
-    floor = basis.get_dofs(lambda x: np.isclose(x[1], 0))
+    top = basis.get_dofs(lambda x: np.isclose(x[-1], SIDE))
+    floor = basis.get_dofs(lambda x: np.isclose(x[-1], 0))
     fixed = np.unique(np.concatenate([top.all(), floor.all()]))
     probe = basis.probes(np.clip(points.T, 1e-9, SIDE - 1e-9))
+    solver = {"solver": skfem.solver_iter_pcg(rtol=1e-9)} if dim == 3 else {}
     solutions = []
     for push in pushes:
         u = np.zeros(basis.N)
-        for name, size in zip(("u^1", "u^2"), push, strict=True):
-            u[top.all([name])] = size
-        u = skfem.solve(*skfem.condense(K, np.zeros(basis.N), x=u, D=fixed))
-        solutions.append((probe @ u).reshape(2, -1).T)
+        for axis, size in enumerate(push):
+            u[top.all([f"u^{axis + 1}"])] = size
+        u = skfem.solve(*skfem.condense(K, np.zeros(basis.N), x=u, D=fixed), **solver)
+        solutions.append((probe @ u).reshape(dim, -1).T)
     return np.array(solutions)
 
 

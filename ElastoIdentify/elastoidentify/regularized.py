@@ -12,13 +12,8 @@ from the linearised problem leaves the balance residual of the measured displace
     Σ_t (r_t + R_t δx)ᵀ (σ² S_t)⁻¹ (r_t + R_t δx),   S_t = K_t C_t K_tᵀ,
 
 K_t = ∂f/∂u and R_t = ∂f/∂x (adjoint gradient: R_tᵀ p_t with p_t = S_t⁻¹ r_t). The Gauss-Newton step
-and posterior samples come from one sparse quasi-definite matrix per step,
-
-    [ P    Rᵀ  ] [ δx ]
-    [ R  −σ²S  ] [ p/σ² ],
-
-with P the Hessian of the prior; its LDLᵀ exists for any ordering (Vanderbei, SIAM J. Optim. 5,
-1995), and neither the sensitivities nor the Hessian are ever formed.
+and posterior samples come from H = P + Σ_t R_tᵀ (σ² S_t)⁻¹ R_t, P the Hessian of the prior, which
+gauss_newton.py solves without forming it.
 
 The prior is a total variation of each log-modulus over the cells' common sides. Stage one finds
 the noise σ and a first map by the variational Bayes treatment of total variation (Babacan, Molina,
@@ -34,11 +29,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as spl
 
 from .balance import force_matrices, internal_forces, tangent_stiffness
 from .dissection import QuasiDefiniteSolver, nested_dissection
 from .errors import InputError
+from .gauss_newton import AdjointSystem, DirectSystem
 from .problem import Estimate, Problem, estimate_from_theta
 from .progress import Progress, silent
 
@@ -46,12 +41,9 @@ ANCHOR_STD = {"modulus": 3.0, "ratio": 1.5}  # natural logarithms, around the kn
 REWEIGHTING = 3.0  # exponent of the reweighted prior: p(jump) ∝ |jump|^−3 beyond the smoothing
 SMOOTHING = 0.02  # jumps of log-moduli below this count as none
 UNMEASURED = 1e4  # variance of nodes that only refinement has, over that of measured nodes
-VARIATIONAL_STEPS, SHARPENING_STEPS, SAMPLES = 20, 15, 16
-SYMMETRIC = {  # SuperLU as a symmetric factorisation
-    "permc_spec": "MMD_AT_PLUS_A",
-    "diag_pivot_thresh": 0.0,
-    "options": {"SymmetricMode": True},
-}
+VARIATIONAL_STEPS, SHARPENING_STEPS, POSTERIOR_STEPS = 20, 15, 2
+SETTLED = {"variational": 0.1, "sharpening": 0.05}  # largest change of a log-modulus in a step
+SAMPLES = 16
 
 
 def fit_displacements(problem: Problem, progress: Progress | None = None) -> Estimate:
@@ -79,8 +71,14 @@ class TrialFit:
     K: sp.csr_matrix  # (n_free, n_dofs)
     S: sp.csc_matrix  # (n_free, n_free)
     r: np.ndarray  # (n_free,) balance residual of the measured displacements
-    misfit: float  # rᵀ S⁻¹ r
-    R: sp.csr_matrix  # (n_free, n_fields·n_groups)
+    solver: QuasiDefiniteSolver  # of S
+    misfit: float = np.nan  # rᵀ S⁻¹ r
+    R: sp.csr_matrix | None = None  # (n_free, n_fields·n_groups)
+
+    def solve(self, force):
+        """Return S⁻¹ force, (n_free,) or (n_free, m)."""
+        p = self.solver.solve(force)
+        return p + self.solver.solve(force - self.S @ p)  # S squares K's condition: refine once
 
 
 class Equilibrium:
@@ -101,6 +99,7 @@ class Equilibrium:
         free = used & ~reaction
         d = mesh.dim
         self.free = (np.flatnonzero(free)[:, None] * d + np.arange(d)).ravel()
+        self.places, self.order = self.mesh.points[self.free // d], None
         only_fine = np.arange(self.mesh.n_nodes) >= mesh.n_nodes
         inflate = np.where(only_fine & ~reaction, UNMEASURED, 1.0)
         shared = problem.noise.information is None
@@ -117,23 +116,25 @@ class Equilibrium:
         blocks = blocks * inflate[:, None, None]
         return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1))).tocsr()
 
-    def fit(self, theta, fields, start) -> list[TrialFit]:
+    def fit(self, theta, fields, start, tell=None) -> list[TrialFit]:
         """Return the trials' fits for parameters θ = exp(fields @ x)."""
         lam, mu = self.lam @ theta + self.lam_known, self.mu @ theta + self.mu_known
         slope = (sp.diags(theta) @ fields).tocsr()
-        fits, shared = [], None
+        fits = []
         for C, measured, u in zip(self.C, self.measured, start, strict=True):
-            fit, solver = self._fit_trial(C, measured, u, lam, mu, slope, shared)
-            fits.append(fit)
-            if self.shared:
-                shared = (fit.K, fit.S, solver)
+            alike = fits[0] if self.shared and fits else None
+            fits.append(self._fit_trial(C, measured, u, lam, mu, slope, alike))
+            if tell:
+                tell()
         return fits
 
     def _factorise(self, S):
         if not np.isfinite(S.data).all():
             raise self._diverged()
+        if self.order is None:
+            self.order = nested_dissection(S, self.places)
         try:
-            return spl.splu(S, **SYMMETRIC)
+            return QuasiDefiniteSolver(S, self.order)
         except RuntimeError as singular:
             raise self._diverged() from singular
 
@@ -143,29 +144,29 @@ class Equilibrium:
             "mesh or fewer sub-cells (refine), or check the registration"
         )
 
-    def _fit_trial(self, C, measured, u, lam, mu, slope, shared):
+    def _fit_trial(self, C, measured, u, lam, mu, slope, alike):
+        """Fit one trial; `alike` is another one that has the same K and S."""
         target = measured.ravel()
         for _ in range(1 if self.law.linear else 10):
             at = u.reshape(measured.shape)
-            if shared is None:
+            if alike is None:
                 K = tangent_stiffness(self.mesh, self.law, at, lam, mu)[self.free]
                 S = (K @ C @ K.T).tocsc()
                 solver = self._factorise(S)
             else:
-                K, S, solver = shared
+                K, S, solver = alike.K, alike.S, alike.solver
             r = internal_forces(self.mesh, self.law, at, lam, mu).ravel()[self.free]
-            r = r + K @ (target - u)
-            p = solver.solve(r)
-            p += solver.solve(r - S @ p)  # S squares K's condition: one refinement step
-            new = target - C @ (K.T @ p)
-            change, u = np.abs(new - u).max(), new
+            fit = TrialFit(u, K, S, r + K @ (target - u), solver)
+            p = fit.solve(fit.r)
+            fit.u, fit.misfit = target - C @ (K.T @ p), float(fit.r @ p)
+            change, u = np.abs(fit.u - u).max(), fit.u
             if change < 1e-6 * np.abs(target).max():
                 break
         if not np.isfinite(u).all():
             raise self._diverged()
         per_lam, per_mu = force_matrices(self.mesh, self.law, u.reshape(measured.shape))
-        R = ((per_lam @ self.lam + per_mu @ self.mu) @ slope).tocsr()[self.free]
-        return TrialFit(u, K, S, r, float(r @ p), R), solver
+        fit.R = ((per_lam @ self.lam + per_mu @ self.mu) @ slope).tocsr()[self.free]
+        return fit
 
 
 class Prior:
@@ -227,68 +228,50 @@ class _Fit:
         self.fields, self.x = _fields(unknowns, flat)
         self.prior = Prior(problem, self.x.copy())
         self.start = [u.ravel() for u in self.forward.measured]
-        self.rng = np.random.default_rng(0)
         self.scale = problem.noise.scale
-        self.order = None
+        # in space the trials' factors, coupled by the parameters, fill up
+        system = DirectSystem if problem.mesh.dim == 2 else AdjointSystem
+        self.system = system(self._places(), self.forward.places)
+        self.samples = None
         self.log = []
+        self.at = (0.0, "regularized: first fit")
 
     def theta(self):
         return np.exp(self.fields @ self.x)
 
     def evaluate(self):
-        self.fits = self.forward.fit(self.theta(), self.fields, self.start)
+        self.fits = self.forward.fit(self.theta(), self.fields, self.start, self.tell)
         self.start = [fit.u for fit in self.fits]
         self.misfit = sum(fit.misfit for fit in self.fits)
 
-    def factorise(self, P):
-        """Factor the quasi-definite matrix, its force rows scaled to unit diagonal of σ²S."""
-        rows, self.row_scale = [[P] + [None] * len(self.fits)], []
-        for k, fit in enumerate(self.fits):
-            s = sp.diags(1 / (self.scale * np.sqrt(fit.S.diagonal())))
-            R = s @ fit.R
-            rows[0][k + 1] = R.T
-            row = [R] + [None] * len(self.fits)
-            row[k + 1] = -(self.scale**2) * (s @ fit.S @ s)
-            rows.append(row)
-            self.row_scale.append(s)
-        matrix = sp.bmat(rows, format="csc")
-        if self.order is None:
-            self.order = nested_dissection(matrix, self._places())
-        self.solver = QuasiDefiniteSolver(matrix, self.order)
-
     def _places(self):
-        """Where the unknowns of the quasi-definite matrix are: groups, then free nodes by trial."""
+        """Where the fields' parameters are: the mean of their groups' cells."""
         unknowns, mesh = self.problem.unknowns, self.problem.mesh
         cells = np.flatnonzero(~unknowns.known)
-        count = np.bincount(unknowns.group[cells])[:, None]
-        centres = np.stack(
-            [np.bincount(unknowns.group[cells], x) for x in mesh.centres[cells].T], axis=1
-        )
-        nodes = self.forward.mesh.points[self.forward.free // mesh.dim]
-        groups = np.tile(centres / count, (self.prior.n_fields, 1))
-        return np.vstack([groups, *[nodes] * len(self.fits)])
-
-    def solve(self, field_part, force_parts):
-        """Return H⁻¹ (field_part + Rᵀ (σ²S)⁻¹ force_parts), H the Gauss-Newton Hessian."""
-        scaled = [s @ part for s, part in zip(self.row_scale, force_parts, strict=True)]
-        return self.solver.solve(np.concatenate([field_part, *scaled]))[: len(self.x)]
+        group, count = unknowns.group[cells], np.bincount(unknowns.group[cells])[:, None]
+        centres = np.stack([np.bincount(group, x) for x in mesh.centres[cells].T], axis=1) / count
+        return np.tile(centres, (self.prior.n_fields, 1))
 
     def step(self, P):
         """Move x by one damped Gauss-Newton step; return its largest change."""
-        change = self.solve(-self.prior.gradient(P, self.x), [-fit.r for fit in self.fits])
+        gradient = self.prior.gradient(P, self.x)
+        change = self.system.solve(-gradient, [-fit.r for fit in self.fits], tell=self.tell)
         size = np.abs(change).max()
         self.x = self.x + min(1.0, 1.0 / max(size, 1e-300)) * change
         return size
 
-    def posterior_samples(self, root):
-        """Samples of the Gaussian posterior around x, (n_fields·n_groups, SAMPLES)."""
-        prior_part = root @ self.rng.standard_normal((root.shape[1], SAMPLES))
+    def posterior_samples(self, root, m):
+        """m samples of the Gaussian posterior around x, (n_fields·n_groups, m)."""
+        rng = np.random.default_rng(0)  # the same numbers every time: else the steps never settle
+        prior_part = root @ rng.standard_normal((root.shape[1], m))
         unit = self.problem.noise  # errors enter through K, with the covariance of the fit
         parts = []
         for fit, C in zip(self.fits, self.forward.C, strict=True):
-            z = self.rng.standard_normal((fit.K.shape[1], SAMPLES))
+            z = rng.standard_normal((fit.K.shape[1], m))
             parts.append(self.scale * (fit.K @ (_root(C, unit.shape[2]) @ z)))
-        return self.solve(prior_part, parts)
+        near = self.samples if self.samples is not None and self.samples.shape[1] == m else None
+        self.samples = self.system.solve(prior_part, parts, near, self.tell)
+        return self.samples
 
     def run(self) -> Estimate:
         samples = self._variational_stage()
@@ -325,8 +308,8 @@ class _Fit:
             if self.scale is None:
                 self.scale = self._floor(0.3 * self.misfit / n)
             P, root = prior.weigh(weights)
-            self.factorise(P)
-            samples = self.posterior_samples(root)
+            self.system.factorise(P, self.fits, self.scale)
+            samples = self.posterior_samples(root, self.system.samples)
             size = self.step(P)
             self.effective = len(self.x) - float((samples * (P @ samples)).sum(axis=0).mean())
             self.effective = min(max(self.effective, 0.0), len(self.x))
@@ -335,8 +318,8 @@ class _Fit:
             before = self.scale
             if self.problem.noise.scale is None:
                 self.scale = self._floor(self.misfit / max(n - self.effective, 0.05 * n))
-            self._tell(iteration, VARIATIONAL_STEPS, 0.0, size)
-            if size < 0.05 and abs(self.scale / before - 1) < 0.02:
+            self._record(iteration, VARIATIONAL_STEPS, 0.0, size)
+            if size < SETTLED["variational"] and abs(self.scale / before - 1) < 0.02:
                 break
         return samples
 
@@ -348,36 +331,43 @@ class _Fit:
         for iteration in range(SHARPENING_STEPS):
             self.evaluate()
             P, _ = self.prior.weigh(self.prior.reweighted(self.x))
-            self.factorise(P)
+            self.system.factorise(P, self.fits, self.scale)
             size = self.step(P)
-            self._tell(iteration, SHARPENING_STEPS, 0.5, size)
-            if size < 0.02:
+            self._record(iteration, SHARPENING_STEPS, 0.5, size)
+            if size < SETTLED["sharpening"]:
                 break
         self.evaluate()
 
     def _posterior(self, samples):
         """Samples around the sharpened map: the variational posterior of the reweighted prior.
 
-        One step from the first stage's posterior. Further steps would let flat regions merge
-        into one unknown and call their common bias, which no prior sees, certain.
+        Two steps from the first stage's posterior, no more. Each step halves the standard
+        deviation of flat regions; run to its end it would merge them into one unknown each and
+        call their common bias, which no prior sees, certain. Two keep the truth within two
+        standard deviations as often as they should (docs/benchmarks.md).
         """
-        if not len(self.prior.size):
-            return samples
-        variance = ((self.prior.difference @ samples) ** 2).mean(axis=1)
-        P, root = self.prior.weigh(self.prior.reweighted(self.x, variance))
-        self.factorise(P)
-        return self.posterior_samples(root)
+        for _ in range(POSTERIOR_STEPS if len(self.prior.size) else 0):
+            variance = ((self.prior.difference @ samples) ** 2).mean(axis=1)
+            P, root = self.prior.weigh(self.prior.reweighted(self.x, variance))
+            self.system.factorise(P, self.fits, self.scale)
+            samples = self.posterior_samples(root, SAMPLES)
+        return samples
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))
 
-    def _tell(self, iteration, steps, start, size):
+    def tell(self):
+        """Say where the fit is, and let it be cancelled there."""
+        self.progress(*self.at)
+
+    def _record(self, iteration, steps, start, size):
         misfit = self.misfit / self.scale**2 / max(self.forward.n_equations, 1)
         self.log.append({"misfit": misfit, "step": float(size), "noise_scale": self.scale})
-        self.progress(
+        self.at = (
             start + 0.5 * (iteration + 1) / steps,
             f"regularized: step {len(self.log)}, misfit {misfit:.3f}, largest change {size:.2g}",
         )
+        self.tell()
 
 
 def _fields(unknowns, flat):

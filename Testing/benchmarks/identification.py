@@ -109,14 +109,14 @@ def published_section(draws=3):
         scores = []
         for case in cases:
             std = level / 100 * np.sqrt((case.displacements**2).mean())
-            draws = [
+            found = [
                 score(case, ei.identify(
                     case.points, case.cells, case.noisy(std, seed), case.materials,
                     method="regularized", **fixed_nu(case),
                 ).young)
                 for seed in range(draws)
             ]  # fmt: skip
-            scores.append(f"{np.mean(draws):.3f} ({min(draws):.3f}–{max(draws):.3f})")
+            scores.append(f"{np.mean(found):.3f} ({min(found):.3f}–{max(found):.3f})")
         asked = open_qsei * (0.5 if level <= 5.3 else 2 / 3)
         row(level, *scores, f"{score(cases[0], 1.0):.3f}", open_qsei, prox, f"{asked:.3f}")
 
