@@ -15,13 +15,10 @@ list(PREPEND CMAKE_MODULE_PATH
 set(Slicer_USE_FILE "${Slicer_CMAKE_DIR}/UseSlicer.cmake.in")
 set(Slicer_EXTENSION_GENERATE_CONFIG "${Slicer_CMAKE_DIR}/SlicerExtensionGenerateConfig.cmake")
 set(Slicer_EXTENSION_CPACK "${Slicer_CMAKE_DIR}/SlicerExtensionCPack.cmake")
-set(Slicer_PYTHON_MODULE_TEST_TEMPLATES_DIR "${SLICER_SOURCE}/Base/QTCore/Testing/Python")
 file(GLOB_RECURSE _template "${SLICER_SOURCE}/Base/qSlicerModuleGenericTest.py.in")
-if(_template)
-  get_filename_component(Slicer_PYTHON_MODULE_TEST_TEMPLATES_DIR "${_template}" DIRECTORY)
-endif()
+get_filename_component(Slicer_PYTHON_MODULE_TEST_TEMPLATES_DIR "${_template}" DIRECTORY)
 
-# What a release of Slicer for Linux sets.
+# Values of the kind that a build of Slicer for Linux sets.
 set(Slicer_REVISION 34627)
 set(Slicer_WC_ROOT "https://github.com/Slicer/Slicer")
 set(Slicer_OS linux)
@@ -54,7 +51,6 @@ file(WRITE "${_nothing}/CTKAppLauncherConfig.cmake"
 )
 
 # PythonQt is not looked for, and Python is the one that runs the tests.
-set(PythonQt_FOUND ON)
 set(CMAKE_DISABLE_FIND_PACKAGE_PythonQt ON)
 set(PYTHONINTERP_FOUND ON)
 set(PYTHONLIBS_FOUND ON)

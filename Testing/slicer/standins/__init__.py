@@ -5,4 +5,8 @@ the application object, the scene it owns, the Python base classes of scripted m
 Qt widget. `application` makes the first two, `modules` the third, `widgets` the last, on PySide6
 with PythonQt's manners. They are as strict as they can cheaply be: what a module uses and a
 stand-in does not have raises.
+
+With a checkout of Slicer, `sources` puts its Python code in the place of `modules`, and `headers`
+reads from its C++ code what the widgets offer; `SlicerConfig.cmake` lends its CMake macros.
+`views` and `pictures` draw with Slicer's displayable managers.
 """
