@@ -158,3 +158,12 @@ def test_the_table_for_people_says_what_was_given_and_what_was_found():
     assert "given" in lines[1]
     assert "50 %" in lines[2]
     assert lines[2].split()[-1] == "2.50"
+
+
+def test_round_off_is_no_error_worth_printing():
+    exact = arrays()
+    exact["Mu"][1:] = 1000 * (1 + 1e-15 * np.arange(4))
+    exact["MuStd"][1:] = 1e-11
+    exact["Status"][1:] = 2
+    row = table_text(label_rows(exact)).splitlines()[2].split()
+    assert row[3:6] == ["1000", "0", "0"]

@@ -68,6 +68,20 @@ def test_picture_tables_meshes_and_phantom_are_in_the_folder(demo):
     assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_demo_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
+    from elastoidentify import demo
+    from elastoidentify.errors import Cancelled
+
+    def stop(*_):
+        raise Cancelled
+
+    mr_texture()
+    monkeypatch.setattr(demo, "_measure", stop)
+    with pytest.raises(Cancelled):
+        demo.run_demo(tmp_path / "new" / "demo", say=lambda _: None)
+    assert not list(tmp_path.iterdir())
+
+
 def test_run_goes_from_files_to_the_map_in_one_command(demo, tmp_path, capsys):
     from elastoidentify import cli
 
