@@ -166,4 +166,4 @@ def test_round_off_is_no_error_worth_printing():
     exact["MuStd"][1:] = 1e-11
     exact["Status"][1:] = 2
     row = table_text(label_rows(exact)).splitlines()[2].split()
-    assert row[3:6] == ["1000", "0", "0"]
+    assert row[2:7] == ["100", "%", "1000", "0", "0"]
