@@ -1,10 +1,14 @@
-"""The two solvers of the Gauss-Newton system against dense algebra."""
+"""The two solvers of the Gauss-Newton system against dense algebra, and each other in space."""
 
+import elastoidentify as ei
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from elastoidentify import regularized
 from elastoidentify.dissection import QuasiDefiniteSolver
 from elastoidentify.gauss_newton import AdjointSystem, DirectSystem
+from elastoidentify.materials import lame_from_young
+from elastoidentify.pushing import box_mesh, solve_push
 from elastoidentify.regularized import TrialFit
 
 SCALE = 0.3
@@ -55,3 +59,35 @@ def test_a_good_start_costs_no_products(system):
     assert "cold" in steps
     assert "warm" not in steps
     assert np.abs(warm - cold).max() < 0.01 * np.abs(expected).max()
+
+
+def test_in_space_products_and_factors_give_the_same_map(monkeypatch):
+    points, cells = box_mesh((5, 5, 5), (1.0, 1.0, 1.0))
+    centre = points[cells].mean(axis=1)
+    young = np.where(np.linalg.norm(centre - [0.5, 0.5, 0.4], axis=1) < 0.3, 3.0, 1.0)
+    known = np.where((centre[:, 2] > 0.8)[:, None], [1.0, 0.43], np.nan)
+    ends = (points[:, 2] == 0) | (points[:, 2] == 1)
+    moved = np.flatnonzero(ends)
+    pushes = np.array([[0, 0, -0.02], [0.02, 0, -0.01], [0, 0.02, -0.01], [-0.02, -0.02, 0]])
+    on_top = points[moved, 2:] > 0.5
+    lam, mu = lame_from_young(young, 0.43)
+    u = np.array([solve_push(points, cells, lam, mu, moved, on_top * push) for push in pushes])
+    u += 2e-4 * np.random.default_rng(0).standard_normal(u.shape)
+
+    def identify():
+        return ei.identify(
+            points, cells, u, known, method="regularized", reaction_nodes=ends,
+            unknowns="young", poisson_ratio=0.43,
+        )  # fmt: skip
+
+    unknown = np.isnan(known[:, 0])
+    by_products = identify()
+    flat = np.abs(1 / young - 1)[unknown].mean()
+    assert np.abs(by_products.young / young - 1)[unknown].mean() < 0.25 * flat
+    monkeypatch.setattr(regularized, "AdjointSystem", DirectSystem)
+    by_factors = identify()
+    apart = np.abs(np.log(by_products.young / by_factors.young))[unknown]
+    print(f"apart by {apart.max():.4f} at most; the step that ends a stage is 0.05")
+    assert apart.max() < 0.02
+    spread = by_products.mu_std[unknown] / by_factors.mu_std[unknown]
+    assert 0.7 < np.median(spread) < 1.4  # eight samples against sixteen on the way
