@@ -34,8 +34,7 @@ LEAST_SIMILARITY = 0.5
 LARGEST_DISAGREEMENT = 1.0  # pixels, median over the nodes
 SMALLEST_PUSH = 0.5  # pixels
 BLIND = 1.0  # pixels of uncertainty at which a node counts as without texture
-# pixels that nodes are right to even there: their surroundings carry them (phantoms: 0.5 at most)
-CARRIED = 1.0
+CARRIED = 0.5  # pixels that such nodes are right to, carried by their surroundings
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # xx, yy, zz, xy, yz, xz
 
 
