@@ -138,14 +138,17 @@ class BackgroundJob:
             self._process.stdin.close()
         self._process.kill()
         self._process.wait()
-        self._clean()
+        self._clean(patience=0.5)
 
-    def _clean(self) -> None:
-        for reader in self._readers:
-            reader.join(timeout=5)
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            with contextlib.suppress(OSError):
-                stream.close()
+    def _clean(self, patience: float = 5.0) -> None:
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        streams = (self._process.stdout, self._process.stderr)
+        for reader, stream in zip(self._readers, streams, strict=True):
+            reader.join(timeout=patience)
+            if not reader.is_alive():  # else it ends with the interpreter, which is still starting
+                with contextlib.suppress(OSError):
+                    stream.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def result(self):
