@@ -150,11 +150,14 @@ def information(found: Measured, trial: int, u: np.ndarray, resolution) -> np.nd
 
 
 class Linearised:
-    """Identification of E per label, linearised at the true moduli; four sub-cells per cell."""
+    """Identification of E per label, linearised at the true moduli, with 4 or 16 sub-cells."""
 
-    def __init__(self, found: Measured):
+    def __init__(self, found: Measured, sub_cells: int = 4):
         coarse = make_mesh(found.points, found.cells)
         self.mesh, parent, self.between = coarse.refined()
+        if sub_cells == 16:
+            self.mesh, finer, between = self.mesh.refined()
+            parent, self.between = parent[finer], (between @ self.between).tocsr()
         self.labels = found.labels[parent]
         reaction = self.between @ found.reaction_nodes.astype(float) > 1 - 1e-9
         fine = np.arange(self.mesh.n_nodes) >= coarse.n_nodes
@@ -200,9 +203,9 @@ class Linearised:
         return error, np.sqrt(np.diag(np.linalg.inv(hessian))) * max(noise, 1.0), noise
 
 
-def judge(found: Measured) -> dict[str, tuple]:
+def judge(found: Measured, sub_cells: int = 4) -> dict[str, tuple]:
     """Displacement error, error of log E, predicted deviations and noise of every variant."""
-    linear = Linearised(found)
+    linear = Linearised(found, sub_cells)
     mesh = refinement.simplex_mesh(found.points, found.cells)
     alone = np.broadcast_to(np.eye(2), (len(found.points), 2, 2))
     rows = {"exact, no weights": (0.0, *linear(found.exact, [alone] * len(found.exact)))}
@@ -251,12 +254,16 @@ def main() -> None:
     )
     parser.add_argument("--phantoms", nargs="+", type=int, default=list(REPORTED))
     parser.add_argument("--contrasts", nargs="+", type=float, default=[2, 3, 8])
+    parser.add_argument(
+        "--refine", type=int, choices=(4, 16), default=4, help="sub-cells of the identification"
+    )
     options = parser.parse_args()
     results = defaultdict(list)
     with ElastixProcess() as elastix:
         for number in options.phantoms:
             for contrast in options.contrasts:
-                for name, row in judge(measure(contrast, number, elastix)).items():
+                found = measure(contrast, number, elastix)
+                for name, row in judge(found, options.refine).items():
                     results[name].append((contrast, *row))
     show(results, options.contrasts)
 
