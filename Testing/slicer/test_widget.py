@@ -350,16 +350,22 @@ def test_missing_packages_are_installed_by_slicer_of_either_age(panel, monkeypat
     assert len(done) == 3
 
 
-def test_the_slice_of_the_red_view_is_taken(panel, monkeypatch):
+@pytest.fixture
+def red():
+    """The node of the red view, which closing a scene would leave in it."""
+    node = slicer.vtkMRMLSliceNode()
+    node.SetLayoutName("Red")
+    node.SetSingletonTag("Red")
+    node = slicer.mrmlScene.AddNode(node)
+    yield node
+    slicer.mrmlScene.RemoveNode(node)
+
+
+def test_the_slice_of_the_red_view_is_taken(panel, red):
     """Axis and number of the slice that an oblique view through an oblique volume shows best."""
     matrix = np.array([[0, 0, 2.0, 5], [-1.2, 0.4, 0, 9], [-0.4, -1.2, 0, 7], [0, 0, 0, 1]])
     volume = slicer.util.addVolumeFromArray(np.ones((7, 20, 30)), matrix, "Sagittal")
     panel.ui.restSelector.setCurrentNode(volume)
-    red = slicer.vtkMRMLSliceNode()
-    red.SetLayoutName("Red")
-    red.SetSingletonTag("Red")
-    red = slicer.mrmlScene.AddNode(red)
-    assert red.GetID() == "vtkMRMLSliceNodeRed"
     red.SetSliceToRASByNTP(0.95, 0.2, 0.1, 0, 1, 0, *(matrix @ [11, 8, 4.2, 1])[:3], 0)
     click(panel.ui.currentSliceButton)
     assert panel._parameterNode.sliceAxis == "k"
