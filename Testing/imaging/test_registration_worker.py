@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import textwrap
 import time
 from pathlib import Path
@@ -30,16 +29,26 @@ needs_elastix = pytest.mark.skipif(
 )
 
 
+@pytest.fixture(autouse=True)
+def own_folder(monkeypatch, tmp_path):
+    """Keep the workers of a test apart from all others that run on this machine."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setenv("TMPDIR", str(folder))
+
+
 def leftovers():
-    """Temporary directories of workers, and worker processes, that exist now."""
-    folders = set(Path(tempfile.gettempdir()).glob("elastoidentify-elastix-*"))
+    """Temporary directories of this test's workers, and its worker processes, that exist now."""
+    own = os.environ["TMPDIR"]
+    folders = set(Path(own).glob("elastoidentify-elastix-*"))
     workers = set()
-    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+    for process in Path("/proc").glob("[0-9]*"):
         try:
-            if b"elastix_worker" in entry.read_bytes():
-                workers.add(entry.parent.name)
+            words = (process / "cmdline").read_bytes(), (process / "environ").read_bytes()
         except OSError:
             continue
+        if b"elastix_worker" in words[0] and own.encode() in words[1]:
+            workers.add(process.name)
     return folders, workers
 
 
@@ -249,4 +258,4 @@ def test_stopped_in_the_second_step_nothing_stays(monkeypatch, tmp_path, stop):
         )
     assert len(waiting) == 1 and waiting[0]
     assert not gone(before)
-    assert os.listdir(tmp_path) == ["quick.txt"]
+    assert sorted(os.listdir(tmp_path)) == ["quick.txt", "temporary"]
