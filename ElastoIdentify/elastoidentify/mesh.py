@@ -142,6 +142,13 @@ class Mesh:
         on_boundary[nodes[nodes >= 0]] = True
         return on_boundary
 
+    def n_inverted(self, u: np.ndarray) -> int:
+        """Return how many Gauss points displacements u, (n_nodes, d), turn inside out."""
+        eye = np.eye(self.dim)
+        return sum(
+            int((np.linalg.det(eye + block.gradient(u)) <= 0).sum()) for block in self.blocks
+        )
+
     def refined(self) -> tuple["Mesh", np.ndarray, sp.csr_matrix]:
         """Cut every cell once into cells of its own type.
 

@@ -170,7 +170,7 @@ def _newton(mesh, law, lam, mu, u, fixed, target, loads, iterations=25):
         at = u.reshape(-1, mesh.dim)
         if law.linear:
             return at
-        if not np.isfinite(u).all() or _inverted(mesh, at):
+        if not np.isfinite(u).all() or mesh.n_inverted(at):
             return None
         size = np.abs(change).max()
         scale = max(np.abs(target).max(), np.abs(u).max(), 1e-300)
@@ -178,8 +178,3 @@ def _newton(mesh, law, lam, mu, u, fixed, target, loads, iterations=25):
         if size < 1e-13 * scale:
             return at
     return at if size < 1e-10 * scale else None
-
-
-def _inverted(mesh, u):
-    eye = np.eye(mesh.dim)
-    return any((np.linalg.det(eye + block.gradient(u)) <= 0).any() for block in mesh.blocks)

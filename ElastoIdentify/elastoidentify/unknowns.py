@@ -48,6 +48,11 @@ class Unknowns:
         """True for known cells. Shape (n_cells,)."""
         return self.group < 0
 
+    @property
+    def per_cell(self) -> bool:
+        """True if every unknown cell is a group of its own."""
+        return self.n_groups == int((~self.known).sum())
+
     def moduli(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return λ, μ of all cells, (n_cells, …), for θ (n_params, …)."""
         shape = (-1,) + (1,) * (np.ndim(theta) - 1)
