@@ -54,6 +54,12 @@ class DisplacementNoise:
         return root @ np.swapaxes(root, -1, -2)
 
 
+def block_diagonal(blocks: np.ndarray) -> sp.csr_matrix:
+    """Return the (n·d, n·d) matrix that has blocks (n, d, d) on its diagonal."""
+    at = np.arange(len(blocks) + 1)
+    return sp.bsr_matrix((np.ascontiguousarray(blocks), at[:-1], at)).tocsr()
+
+
 def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> tuple[float, int]:
     """Return the noise scale from nodes that touch known cells only, and how many equations say so.
 
@@ -70,9 +76,7 @@ def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> t
     for trial, u in enumerate(system.displacements):
         force = internal_forces(mesh, system.law, u, lam, mu).ravel()[rows]
         K = tangent_stiffness(mesh, system.law, u, lam, mu)[rows]
-        C = noise.covariances(trial)
-        n = np.arange(len(C) + 1)
-        C = sp.bsr_matrix((np.ascontiguousarray(C), n[:-1], n)).tocsr()
+        C = block_diagonal(noise.covariances(trial))
         variance = np.asarray((K @ C).multiply(K).sum(axis=1)).ravel()
         ratios.append(force**2 / variance)
     ratios = np.concatenate(ratios)

@@ -34,6 +34,7 @@ from .balance import force_matrices, internal_forces, tangent_stiffness
 from .dissection import QuasiDefiniteSolver, nested_dissection
 from .errors import InputError
 from .gauss_newton import AdjointSystem, DirectSystem
+from .noise import block_diagonal
 from .problem import Estimate, Problem, estimate_from_theta
 from .progress import Progress, silent
 
@@ -114,8 +115,7 @@ class Equilibrium:
     def _covariance(per_node, interpolation, inflate):
         n, d = len(inflate), per_node.shape[1]
         blocks = (interpolation @ per_node.reshape(len(per_node), -1)).reshape(n, d, d)
-        blocks = blocks * inflate[:, None, None]
-        return sp.bsr_matrix((blocks, np.arange(n), np.arange(n + 1))).tocsr()
+        return block_diagonal(blocks * inflate[:, None, None])
 
     def fit(self, theta, fields, start, tell=None) -> list[TrialFit]:
         """Return the trials' fits for parameters θ = exp(fields @ x)."""
@@ -278,25 +278,24 @@ class _Fit:
         self.x = self.x + min(1.0, 1.0 / max(size, 1e-300)) * change
         return size
 
-    def posterior_samples(self, root, m):
-        """m samples of the Gaussian posterior around x, (n_fields·n_groups, m)."""
+    def sample_posterior(self, root, m):
+        """Set and return m samples of the Gaussian posterior around x, (n_fields·n_groups, m)."""
         rng = np.random.default_rng(0)  # the same numbers every time: else the steps never settle
         prior_part = root @ rng.standard_normal((root.shape[1], m))
-        unit = self.problem.noise  # errors enter through K, with the covariance of the fit
-        parts = []
+        parts = []  # errors enter through K, with the covariance of the fit
         for fit, C in zip(self.fits, self.forward.C, strict=True):
             z = rng.standard_normal((fit.K.shape[1], m))
-            parts.append(self.scale * (fit.K @ (_root(C, unit.shape[2]) @ z)))
+            parts.append(self.scale * (fit.K @ (_root(C, self.problem.mesh.dim) @ z)))
         near = self.samples if self.samples is not None and self.samples.shape[1] == m else None
         self.samples = self.system.solve(prior_part, parts, near, self.tell)
         return self.samples
 
     def run(self) -> Estimate:
-        samples = self._variational_stage()
+        self._variational_stage()
         self._sharpening_stage()
-        samples = self._posterior(samples)
+        self._posterior()
         theta = self.theta()
-        errors = theta[:, None] * (self.fields @ samples)
+        errors = theta[:, None] * (self.fields @ self.samples)
         if self.problem.noise.information is not None:
             # a fit may find the information too modest, but not call the map better for it
             errors = errors * max(1.0, 1.0 / self.scale)
@@ -327,7 +326,7 @@ class _Fit:
                 self.scale = self._floor(0.3 * self.misfit / n)
             P, root = prior.weigh(weights)
             self.system.factorise(P, self.fits, self.scale)
-            samples = self.posterior_samples(root, self.system.samples)
+            samples = self.sample_posterior(root, self.system.samples)
             size = self.step(P)
             self.effective = len(self.x) - float((samples * (P @ samples)).sum(axis=0).mean())
             self.effective = min(max(self.effective, 0.0), len(self.x))
@@ -339,7 +338,6 @@ class _Fit:
             self._record(iteration, VARIATIONAL_STEPS, 0.0, size)
             if size < SETTLED["variational"] and abs(self.scale / before - 1) < 0.02:
                 break
-        return samples
 
     def _sharpening_stage(self):
         """Take the contrast loss of total variation away, with σ as found."""
@@ -356,8 +354,8 @@ class _Fit:
                 break
         self.evaluate()
 
-    def _posterior(self, samples):
-        """Samples around the sharpened map: the variational posterior of the reweighted prior.
+    def _posterior(self):
+        """Sample around the sharpened map: the variational posterior of the reweighted prior.
 
         Two steps from the first stage's posterior, no more. Each step halves the standard
         deviation of flat regions; run to its end it would merge them into one unknown each and
@@ -365,11 +363,10 @@ class _Fit:
         standard deviations as often as they should (docs/benchmarks.md).
         """
         for _ in range(POSTERIOR_STEPS if len(self.prior.size) else 0):
-            variance = ((self.prior.difference @ samples) ** 2).mean(axis=1)
+            variance = ((self.prior.difference @ self.samples) ** 2).mean(axis=1)
             P, root = self.prior.weigh(self.prior.reweighted(self.x, variance))
             self.system.factorise(P, self.fits, self.scale)
-            samples = self.posterior_samples(root, SAMPLES)
-        return samples
+            self.sample_posterior(root, SAMPLES)
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))
@@ -412,8 +409,6 @@ def _typical_poisson(unknowns, flat):
 
 def _root(C, d):
     """Return a root of a block diagonal covariance."""
-    n = C.shape[0] // d
     blocks = C.tobsr((d, d))
     blocks.sort_indices()
-    factor = np.linalg.cholesky(blocks.data)
-    return sp.bsr_matrix((factor, np.arange(n), np.arange(n + 1))).tocsr()
+    return block_diagonal(np.linalg.cholesky(blocks.data))
