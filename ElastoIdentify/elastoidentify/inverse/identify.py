@@ -64,6 +64,7 @@ def identify(
     information: np.ndarray | None = None,
     noise: float | None = None,
     refine: int | None = None,
+    element: str = "locking-free",
     progress: Progress | None = None,
 ) -> IdentificationResult:
     """Identify λ and μ of every cell from the displacements of its nodes.
@@ -95,6 +96,9 @@ def identify(
         Standard deviation of a displacement component; estimated when not given.
     refine : int, optional
         1, 4 or 16: sub-cells per cell of the forward problem of the regularized method.
+    element : "locking-free", "linear"
+        Cells of the regularized method's forward problem: with the dilatation averaged over patches
+        of neighbours, right near incompressibility, or plain ones.
     progress : callable, optional
 
     Raises
@@ -106,7 +110,7 @@ def identify(
     frame = _Frame(points, cells)
     problem, labels = _problem(
         frame, displacements, known, labels, reaction_nodes, kinematics, plane, unknowns,
-        poisson_ratio, grouping, information, noise, refine,
+        poisson_ratio, grouping, information, noise, refine, element,
     )  # fmt: skip
     _choice("method", method, METHODS)
     warnings = frame.notes + _check_trials(problem, method, unknowns, grouping)
@@ -235,13 +239,14 @@ def _choice(what, value, options):
 
 def _problem(
     frame, displacements, known, labels, reaction_nodes, kinematics, plane, unknowns,
-    poisson_ratio, grouping, information, noise, refine,
+    poisson_ratio, grouping, information, noise, refine, element,
 ):  # fmt: skip
     mesh = frame.mesh
     _choice("kinematics", kinematics, KINEMATICS)
     _choice("plane", plane, ("strain", "stress"))
     _choice("unknowns", unknowns, ("lambda-mu", "young"))
     _choice("grouping", grouping, ("cell", "label"))
+    _choice("element", element, ("locking-free", "linear"))
     plane_stress = plane == "stress" and mesh.dim == 2
     if plane_stress and kinematics != "small-strain":
         raise InputError(
@@ -282,7 +287,7 @@ def _problem(
         )
     errors = DisplacementNoise(u, metric, noise if metric is None else None)
     law = KINEMATICS[kinematics]
-    return Problem(mesh, law, u, made, reaction, errors, refine), labels
+    return Problem(mesh, law, u, made, reaction, errors, refine, element, labels), labels
 
 
 def _displacements(frame, displacements):
