@@ -27,7 +27,6 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..linalg.factor import Factoriser
-from ..linalg.ldl import QuasiDefiniteSolver, nested_dissection
 from .equilibrium import State
 from .misfit import Misfit
 
@@ -47,11 +46,9 @@ class DirectSystem:
         Where the parameters and the force equations of one trial are.
     """
 
-    name = "superlu"
-
     def __init__(self, parameter_places, node_places):
         self.parameter_places, self.node_places = parameter_places, node_places
-        self.order = self.order_of_S = None
+        self.factorise_S, self.factorise_all = Factoriser(node_places), None
 
     def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
         """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
@@ -63,9 +60,7 @@ class DirectSystem:
         for t, (K, C, o) in enumerate(zip(self.K, self.C, self.observations, strict=True)):
             if not (t and state.shared and C is self.C[0]):
                 self.S.append((K @ C @ K.T).tocsc())
-                if self.order_of_S is None:
-                    self.order_of_S = nested_dissection(self.S[-1], self.node_places)
-                solver = QuasiDefiniteSolver(self.S[-1], self.order_of_S)
+                solver = self.factorise_S(self.S[-1])
             else:
                 self.S.append(self.S[0])
             v = o.by_eta.T @ o.residual
@@ -88,10 +83,10 @@ class DirectSystem:
             rows.append(row)
             self.row_scale.append(s)
         matrix = sp.bmat(rows, format="csc")
-        if self.order is None:
+        if self.factorise_all is None:
             places = np.vstack([self.parameter_places, *[self.node_places] * len(self.K)])
-            self.order = nested_dissection(matrix, places)
-        self.solver = QuasiDefiniteSolver(matrix, self.order)
+            self.factorise_all = Factoriser(places, definite=False)
+        self.solver = self.factorise_all(matrix)
 
     def solve(self, parameter_part, numbers, start=None, tell=None, tolerance=None):
         """Return dx (n_x, m) and db (n_held, m) of each trial; `numbers` per term and trial.

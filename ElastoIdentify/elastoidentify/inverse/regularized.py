@@ -46,12 +46,13 @@ def default_refinement(
 ) -> int:
     """Sub-cells per cell for the forward problem, from what the benchmark shows.
 
-    Linear cells are too stiff where they cut the edge of an inclusion and near incompressibility.
-    With one unknown per label the noise averages out and this bias is what remains.
+    Cells are too stiff where they cut the edge of an inclusion, linear ones near incompressibility,
+    too. With one unknown per label the noise averages out and this bias is what remains.
     """
     if dim == 3:
         return 1
-    if n_cells <= 2_000 and (poisson > 0.48 or not per_cell):
+    locks = element == "linear" and (poisson > 0.48 or not per_cell)
+    if n_cells <= 2_000 and locks:
         return 16
     return 4 if n_cells <= 6_000 else 1
 
