@@ -226,6 +226,14 @@ class IdentificationOptions(Table):
         flags=["--refine", "--sub-cells"],
         metavar="N",
     )
+    element = Choice(
+        "locking-free",
+        "Cells of the regularized method's forward problem: with the dilatation averaged over "
+        "patches of neighbours, which is right near incompressibility, or plain linear ones.",
+        ("locking-free", "linear"),
+        group="Method",
+        advanced=True,
+    )
     reference_label = Number(
         0,
         "Label to which the ratios in the table of labels refer. 0: the largest unknown one.",

@@ -72,6 +72,7 @@ def identify(
     noise: float | None = None,
     refine: int | None = None,
     reference_label: int | None = None,
+    element: str = "locking-free",
     progress: Progress | None = None,
 ) -> IdentificationResult:
     """Identify λ and μ of every cell from the displacements of its nodes.
@@ -103,6 +104,9 @@ def identify(
         Standard deviation of a displacement component; estimated when not given.
     refine : int, optional
         1, 4 or 16: sub-cells per cell of the forward problem of the regularized method.
+    element : "locking-free", "linear"
+        Cells of the regularized method's forward problem: with the dilatation averaged over patches
+        of neighbours, right near incompressibility, or plain ones.
     reference_label : int, optional
         Label to which the ratios of ``result.statistics`` refer; the largest unknown one.
     progress : callable, optional
@@ -118,6 +122,7 @@ def identify(
         frame, known, labels=labels, reaction_nodes=reaction_nodes, method=method,
         kinematics=kinematics, plane=plane, unknowns=unknowns, poisson_ratio=poisson_ratio,
         grouping=grouping, noise=noise, refine=refine, reference_label=reference_label,
+        element=element,
     )  # fmt: skip
     problem, labels = _problem(frame, setting, displacements, information), setting.labels
     warnings = frame.notes + _check_trials(problem, unknowns, grouping)
@@ -288,12 +293,13 @@ class _Setting:
     labels: np.ndarray | None
     noise: float | None
     refine: int | None
+    element: str
 
 
 def _setting(
     frame, known, *, labels, reaction_nodes, method, kinematics="small-strain", plane="strain",
     unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None, refine=None,
-    reference_label=None,
+    reference_label=None, element="locking-free",
 ):  # fmt: skip
     """Check every choice; raise InputError for one that cannot be."""
     mesh = frame.mesh
@@ -302,6 +308,7 @@ def _setting(
     _choice("plane", plane, ("strain", "stress"))
     _choice("unknowns", unknowns, ("lambda-mu", "young"))
     _choice("grouping", grouping, ("cell", "label"))
+    _choice("element", element, ("locking-free", "linear"))
     plane_stress = plane == "stress" and mesh.dim == 2
     if plane_stress and kinematics != "small-strain":
         raise InputError(
@@ -335,7 +342,7 @@ def _setting(
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
     if refine not in (None, 1, 4, 16):
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
-    return _Setting(KINEMATICS[kinematics], made, reaction, labels, noise, refine)
+    return _Setting(KINEMATICS[kinematics], made, reaction, labels, noise, refine, element)
 
 
 def _problem(frame, setting, displacements, information):
@@ -348,8 +355,9 @@ def _problem(frame, setting, displacements, information):
         )
     errors = DisplacementNoise(u, metric, setting.noise if metric is None else None)
     return Problem(
-        frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine
-    )
+        frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine,
+        setting.element, setting.labels,
+    )  # fmt: skip
 
 
 def _displacements(frame, displacements):
