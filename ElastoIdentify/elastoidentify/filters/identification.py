@@ -5,13 +5,19 @@ import numpy as np
 from ..errors import InputError
 from ..fem.constitutive import KINEMATICS
 from ..inverse.methods import METHODS
+from ..vtk_io.checks import (
+    cell_labels,
+    displacement_notes,
+    information,
+    reaction_nodes,
+    sound_mesh,
+)
 from ..vtk_io.convert import (
     DISPLACEMENT,
     displacement_names,
     get_array,
     has_array,
     information_name,
-    matrices,
     mesh_blocks,
     mesh_points,
     set_array,
@@ -154,6 +160,7 @@ class LameIdentification(Filter):
         from ..inverse.identify import identify
 
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
+        mesh, notes = sound_mesh(mesh)
         blocks, order = mesh_blocks(mesh)
         trials = self.trials(mesh)
         if not trials:
@@ -161,24 +168,27 @@ class LameIdentification(Filter):
                 "no displacements: the mesh needs a point array Displacement_1, and one more per "
                 "further trial"
             )
+        displacements = np.stack([_displacement(mesh, name) for name in trials])
+        notes += displacement_notes(mesh, trials)
         result = identify(
             mesh_points(mesh),
             blocks,
-            np.stack([_displacement(mesh, name) for name in trials]),
+            displacements,
             self._known(mesh, order),
             labels=_labels(mesh, order),
-            reaction_nodes=_reaction_nodes(mesh),
+            reaction_nodes=reaction_nodes(mesh),
             method=self.method,
             kinematics=self.kinematics,
             plane=self.plane,
             unknowns=self.unknowns,
             poisson_ratio=self.poisson_ratio,
             grouping=self.grouping,
-            information=_information(mesh, trials),
+            information=information(mesh, trials),
             noise=self.noise or None,
             refine=self.refine or None,
             progress=progress,
         )
+        result.report["warnings"] = notes + result.report.get("warnings", [])
         grid = mesh.NewInstance()
         grid.ShallowCopy(mesh)
         write_identification(grid, result, order)
@@ -266,21 +276,5 @@ def _displacement(mesh, name: str) -> np.ndarray:
 
 
 def _labels(mesh, order):
-    cells = mesh.GetCellData()
-    return get_array(cells, "Label")[order].astype(int) if has_array(cells, "Label") else None
-
-
-def _reaction_nodes(mesh):
-    points = mesh.GetPointData()
-    if not has_array(points, "ReactionNodes"):
-        return None
-    return get_array(points, "ReactionNodes").astype(bool)
-
-
-def _information(mesh, trials):
-    """Return (n_trials, n_nodes, 3, 3), or None unless every trial comes with its information."""
-    points = mesh.GetPointData()
-    names = [information_name(name) for name in trials]
-    if not all(n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)):
-        return None
-    return np.stack([matrices(get_array(points, name).astype(float)) for name in names])
+    labels = cell_labels(mesh)
+    return None if labels is None else labels[order]
