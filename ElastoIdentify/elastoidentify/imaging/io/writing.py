@@ -80,6 +80,8 @@ def check_writable(path: str | os.PathLike, room: int = ROOM) -> None:
         Bytes that the disk must still take.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise InputError(f"{str(path)!r}: a name cannot have a zero character; choose another")
     try:
         if path.is_dir():
             raise InputError(f"{path}: is a folder; name the file to write")
