@@ -142,7 +142,7 @@ def test_a_sheared_sform_gets_advice_that_fits(tmp_path):
 def test_two_placements_of_a_header_are_said(tmp_path):
     moved = [[-0.5, 0, 0, 40], [0, -0.7, 0, 0], [0, 0, 2, 0]]
     path = nifti_with(tmp_path / "x.nii", sform_code=2, qform_code=1, srow=moved)
-    assert "differ by 40 mm" in read_image(path).notes[0]
+    assert "differ by 80 voxels" in read_image(path).notes[0]
 
 
 @pytest.mark.parametrize("shape", [(3, 4, 16, 18), (2, 3, 4, 16, 18), (2, 1, 4, 16, 18)])

@@ -108,7 +108,7 @@ def read_voxels(path: Path) -> Voxels:
         voxels.spacing = np.array(spacing)
     if kind in FLAT and (voxels.spacing[:2] == 1).all():
         voxels.notes.append("the picture has no size: pixels of 1 × 1 are taken")
-    if header is not None and voxels.planar and header.affine is not None:
+    if header is not None and header.planar and header.affine is not None:
         _place(voxels, header)
     return voxels
 

@@ -63,9 +63,26 @@ class NiftiHeader:
     analyze: bool
 
     @property
+    def planar(self) -> bool:
+        """Whether there is only one slice."""
+        return len(self.size) < 3 or self.size[2] == 1
+
+    @property
     def affine(self) -> np.ndarray | None:
-        """The placement that ITK prefers: the scanner's."""
-        return self.sform if self.qform is None else self.qform
+        """The scanner's placement; where both agree the sform, which has more digits."""
+        if self.qform is None or (self.sform is not None and self.apart <= 0.1):
+            return self.sform
+        return self.qform
+
+    @property
+    def apart(self) -> float:
+        """How far the corners of the two placements are apart, in voxels."""
+        corners = np.array([[i, j, k, 1] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+        corners[:, :3] *= np.array((*self.size, 1, 1, 1)[:3]) - 1
+        off = (corners @ (self.sform - self.qform).T)[:, :3]
+        return float(
+            np.linalg.norm(off, axis=1).max() / np.linalg.norm(self.qform[:3, :3], axis=0).min()
+        )
 
 
 def is_nifti(path: Path) -> bool:
@@ -102,23 +119,25 @@ def placement_note(header: NiftiHeader) -> list[str]:
     """Return a sentence when the two placements of a header differ by more than a tenth voxel."""
     if header.sform is None or header.qform is None:
         return []
-    corners = np.array([[i, j, k, 1] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
-    size = (*header.size, 1, 1, 1)[:3]
-    corners[:, :3] *= np.array(size) - 1
-    off = np.linalg.norm((corners @ (header.sform - header.qform).T)[:, :3], axis=1).max()
-    voxel = np.linalg.norm(header.qform[:3, :3], axis=0).min()
-    if off <= 0.1 * voxel:
+    if header.apart <= 0.1:
         return []
     return [
-        f"the header places the image twice, and the placements (sform, qform) differ by {off:.3g} "
-        "mm: the scanner's (qform) is used"
+        "the header places the image twice, and the placements (sform, qform) differ by "
+        f"{header.apart:.3g} voxels: the scanner's (qform) is used"
     ]
 
 
 @contextmanager
 def alone(path: Path, header: NiftiHeader) -> Iterator[Path]:
-    """Yield another name of the file, in a folder where no twin can be taken for it."""
+    """Yield another name of the file, in a folder where no twin can be taken for it.
+
+    Of a single slice a copy without placement: ITK makes two dimensions of it, and refuses those of
+    a coronal or sagittal slice. The placement is :attr:`NiftiHeader.affine`.
+    """
     with tempfile.TemporaryDirectory(prefix="elastoidentify-") as folder:
+        if header.planar and header.affine is not None:
+            yield _without_placement(path, Path(folder))
+            return
         packed = ".gz" if _is_packed(path) else ""
         if header.voxels == path and path.name.lower().removesuffix(".gz").endswith(".nii"):
             name = Path(folder) / f"image.nii{packed}"
@@ -129,6 +148,22 @@ def alone(path: Path, header: NiftiHeader) -> Iterator[Path]:
             _link(header_path, name)
             _link(voxels, Path(folder) / ("image.img.gz" if _is_packed(voxels) else "image.img"))
         yield name
+
+
+def _without_placement(path: Path, folder: Path) -> Path:
+    """Write an unpacked copy whose qform and sform codes are 0, and return its name."""
+    header_path, voxels = _pair(path)
+    with open_plain(header_path) as stream:
+        raw = bytearray(stream.read())
+    second = raw[4:7] in (b"n+2", b"ni2")
+    at, length = (344, 8) if second else (252, 4)
+    raw[at : at + length] = bytes(length)
+    name = folder / ("image.nii" if voxels == header_path else "image.hdr")
+    name.write_bytes(raw)
+    if voxels != header_path:
+        with open_plain(voxels) as stream, open(folder / "image.img", "wb") as copy:
+            shutil.copyfileobj(stream, copy)
+    return name
 
 
 def _link(path: Path, name: Path) -> None:
@@ -201,7 +236,11 @@ def _parse(raw: bytes, voxels: Path) -> NiftiHeader:
 def _from_quaternion(numbers, pixdim) -> np.ndarray:
     """Return index → RAS of the qform: b, c, d of a unit quaternion and an offset."""
     b, c, d = numbers[:3]
-    a = math.sqrt(max(0.0, 1 - b * b - c * c - d * d))
+    rest = 1 - b * b - c * c - d * d
+    if rest < 1e-7:  # half a turn: single precision leaves nothing of a
+        b, c, d = np.array([b, c, d]) / math.sqrt(b * b + c * c + d * d)
+        rest = 0.0
+    a = math.sqrt(rest)
     turn = np.array(
         [
             [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
