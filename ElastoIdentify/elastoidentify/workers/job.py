@@ -23,10 +23,13 @@ from pathlib import Path
 
 from ..errors import Cancelled, InputError
 from ..progress import Progress
-from .elastix_client import candidate_interpreters, worker_environment
+from .elastix_client import CLEAN_PATH, candidate_interpreters, worker_environment
 
 JOB, RESULT = "job.pickle", "result.pickle"
 TASKS = ("make_mesh", "run")
+_START = (
+    CLEAN_PATH + "import runpy; runpy.run_module('elastoidentify.workers.job', None, '__main__')"
+)
 
 
 class State(enum.Enum):
@@ -68,7 +71,7 @@ class BackgroundJob:
             with open(self._folder / JOB, "wb") as file:
                 pickle.dump((task, job), file)
             self._process = subprocess.Popen(
-                [_interpreter(), "-m", "elastoidentify.workers.job", str(self._folder)],
+                [_interpreter(), "-c", _START, str(self._folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
