@@ -182,7 +182,9 @@ def make_mesh(options: MeshOptions, progress: Progress | None = None) -> LabelMe
         image = slice_of_image(image, axis, index)
     chosen = keywords(options, MeshOptions)
     chosen["edge_length"] = chosen["edge_length"] or default_edge_length(image)
-    return mesh_segmentation(image, **chosen, progress=progress)
+    return mesh_segmentation(
+        image, **chosen, seen=getattr(options, "rest", None), progress=progress
+    )
 
 
 def default_edge_length(image) -> float:

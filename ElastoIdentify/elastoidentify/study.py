@@ -261,6 +261,30 @@ class ReportOptions(Table):
     )
 
 
+class ReadOptions(Table):
+    """Which part of a file or folder is the image; for hosts that read files themselves."""
+
+    series = Text(
+        "",
+        "Which series of a DICOM folder, by its number, description or identifier.",
+        group="Images",
+        advanced=True,
+        keyword="",
+        metavar="SERIES",
+    )
+    frame = Number(
+        0,
+        "Which frame of a cine, from 1. 0: files of one frame.",
+        minimum=0,
+        kind=int,
+        own_choice=0,
+        group="Images",
+        advanced=True,
+        keyword="",
+        metavar="N",
+    )
+
+
 STEPS = {
     "mesh": MeshOptions,
     "register": RegistrationOptions,

@@ -244,7 +244,7 @@ def one_trial(arrays):
         (no_trials, KNOWN, "no displacements"),
         (nan_displacement, KNOWN, "displacement"),
         (inverted_cell, KNOWN, "nvert"),
-        (folded_cell, KNOWN, "nvert"),
+        (folded_cell, KNOWN, "folded"),
         (lambda arrays: None, ["--known", "1:E=-3,nu=0.43"], "Young"),
         (lambda arrays: None, ["--known", "1:E=5000,nu=0.5"], "Poisson"),
         (lambda arrays: None, ["--known", "pad"], "LABEL:E=MODULUS,nu=RATIO"),

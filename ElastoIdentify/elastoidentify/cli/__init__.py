@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from ..errors import Cancelled, InputError
+from ..installation import hint
 from .parser import make_parser
 
 EXTRAS = {
@@ -41,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
             raise
-        return _say(f"{error.name} is missing: pip install 'elastoidentify[{extra}]'", 2)
+        return _say(f"{error.name} is missing: {hint(extra)}", 2)
     except (KeyboardInterrupt, Cancelled):
         return _say("cancelled, nothing was written", 1)
     except BrokenPipeError:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
@@ -10,6 +11,7 @@ from ..report.terminal import TerminalProgress, figure
 from ..study import (
     IdentificationOptions,
     MeshOptions,
+    ReadOptions,
     RegistrationOptions,
     ReportOptions,
     Study,
@@ -83,10 +85,10 @@ def mesh(arguments) -> None:
     from ..pipeline import make_mesh
     from ..vtk_io.arrays import write_label_mesh
 
-    _check_outputs({arguments.output: options.MESH}, [arguments.segmentation])
-    chosen, _ = _read(arguments, MeshOptions)
+    _check_outputs({"--output": (arguments.output, options.MESH)}, _paths(arguments, MeshOptions))
+    files = _read(arguments, MeshOptions)
     with TerminalProgress("mesh") as progress:
-        made = make_mesh(chosen, progress)
+        made = make_mesh(files.chosen, progress)
     _say_mesh(made)
     _write_mesh(arguments.output, write_label_mesh(made))
 
@@ -99,8 +101,11 @@ def register(arguments) -> None:
     from ..vtk_io.vtu import read_mesh
     from ..workers.elastix_client import find_interpreter
 
-    _check_outputs({arguments.output: options.MESH}, _paths(arguments, RegistrationOptions))
-    chosen, _ = _read(arguments, RegistrationOptions)
+    _check_outputs(
+        {"--output": (arguments.output, options.MESH)},
+        _paths(arguments, RegistrationOptions) | {"--mesh": arguments.mesh},
+    )
+    chosen = _read(arguments, RegistrationOptions).chosen
     check_images(chosen)
     find_interpreter()
     grid = read_mesh(arguments.mesh)
@@ -119,7 +124,10 @@ def displacement(arguments) -> None:
     from ..vtk_io.convert import mesh_points, set_array
     from ..vtk_io.vtu import read_mesh
 
-    _check_outputs({arguments.output: options.MESH}, [path for _, path in arguments.sources or ()])
+    _check_outputs(
+        {"--output": (arguments.output, options.MESH)},
+        {"--mesh": arguments.mesh, "displacements": [path for _, path in arguments.sources or ()]},
+    )
     if not arguments.sources:
         raise InputError("no displacement given: add --field, --transform or --points, one a trial")
     grid = read_mesh(arguments.mesh)
@@ -143,13 +151,12 @@ def displacement(arguments) -> None:
 
 def identify(arguments) -> None:
     """Identify the Lamé constants on a mesh with displacements."""
-    from ..imaging.io import read_image
     from ..provenance import fingerprint
     from ..vtk_io.steps import identified
     from ..vtk_io.vtu import read_mesh
 
-    _check_result_outputs(arguments, [arguments.rest])
-    rest = read_image(arguments.rest) if arguments.rest else None
+    _check_result_outputs(arguments, {"mesh": arguments.mesh, "--rest": arguments.rest})
+    rest = _image(arguments, arguments.rest) if arguments.rest else None
     grid = read_mesh(arguments.mesh)
     chosen = Study(**_identification(arguments))
     inputs = {"mesh": fingerprint(arguments.mesh)}
@@ -165,10 +172,11 @@ def run(arguments) -> None:
     from ..workers.elastix_client import find_interpreter
 
     _check_result_outputs(arguments, _paths(arguments, Study))
-    study, inputs = _read(arguments, Study)
+    files = _read(arguments, Study)
+    study = files.chosen
     find_interpreter()
     with TerminalProgress("run") as progress:
-        outcome = pipeline.run(study, inputs=inputs, progress=progress)
+        outcome = pipeline.run(study, names=files.names, inputs=files.inputs, progress=progress)
     _say_mesh(outcome.mesh)
     _say_registration(outcome.registration.report, study.rest is not None)
     rest = study.rest if study.rest is not None else study.pushed[0]
@@ -203,29 +211,62 @@ def table2(arguments) -> None:
 # ---- files in
 
 
-def _paths(arguments, table: type[Table]) -> list[str]:
-    """Return the paths of all images that were named."""
-    found = []
-    for name, value in options.chosen(arguments, table).items():
-        if isinstance(table.options()[name], Picture):
-            found += value if isinstance(value, list) else [value]
-    return found
+def _paths(arguments, table: type[Table]) -> dict:
+    """Return {option: path or paths} of all images that were named."""
+    said = options.chosen(arguments, table)
+    return {f"--{k}": v for k, v in said.items() if isinstance(table.options()[k], Picture)}
 
 
-def _read(arguments, table: type[Table]) -> tuple[Table, dict]:
-    """Return a table with the options that were said, its images read, and their fingerprints."""
-    from ..imaging.io import read_image
+@dataclass
+class _Files:
+    """The options of a step with its images read, and what is to be told of the files."""
+
+    chosen: Table
+    inputs: dict  # name → fingerprint
+    names: dict  # label → name, of a segmentation that has names
+
+
+def _read(arguments, table: type[Table]) -> _Files:
+    """Read every image that was named."""
     from ..provenance import fingerprint
 
-    values, inputs = options.chosen(arguments, table), {}
-    for name, value in values.items():
-        if isinstance(table.options()[name], Picture):
-            several = isinstance(value, list)
-            images = [read_image(path) for path in (value if several else [value])]
-            prints = [fingerprint(path) for path in (value if several else [value])]
-            values[name] = images if several else images[0]
-            inputs[name] = prints if several else prints[0]
-    return table(**values), inputs
+    said, inputs, names = options.chosen(arguments, table), {}, {}
+    values = {k: v for k, v in said.items() if not isinstance(table.options()[k], Picture)}
+    for name in said.keys() - values.keys():
+        paths = said[name]
+        if isinstance(paths, list):
+            values[name] = [_image(arguments, path) for path in paths]
+            inputs[name] = [fingerprint(path) for path in paths]
+        elif name != "segmentation":
+            values[name], inputs[name] = _image(arguments, paths), fingerprint(paths)
+    if "segmentation" in said:
+        from ..imaging.io import read_segmentation
+
+        reference = values.get("rest") or next(iter(values.get("pushed", ())), None)
+        values["segmentation"], names = read_segmentation(
+            said["segmentation"], reference=reference, **_series(arguments)
+        )
+        _say_notes(said["segmentation"], values["segmentation"])
+        inputs["segmentation"] = fingerprint(said["segmentation"])
+    return _Files(table(**values), inputs, names)
+
+
+def _image(arguments, path: str):
+    from ..imaging.io import read_image
+
+    frame = options.chosen(arguments, ReadOptions).get("frame") or None
+    image = read_image(path, frame=frame, **_series(arguments))
+    _say_notes(path, image)
+    return image
+
+
+def _series(arguments) -> dict:
+    return {"series": options.chosen(arguments, ReadOptions).get("series") or None}
+
+
+def _say_notes(path: str, image) -> None:
+    for note in image.notes:
+        print(f"note: {path}: {note}")
 
 
 def _identification(arguments) -> dict:
@@ -240,41 +281,35 @@ def _identification(arguments) -> dict:
 # ---- files out
 
 
-def _check_outputs(outputs: Mapping[str, tuple[str, ...]], inputs) -> None:
+def _check_outputs(outputs: Mapping[str, tuple[str, tuple[str, ...]]], inputs) -> None:
     """Refuse outputs that cannot be written, before any work is done.
 
     Parameters
     ----------
-    outputs : {path: allowed suffixes}
-    inputs : sequence of paths
+    outputs : {option: (path or None, allowed suffixes)}
+    inputs : {option: path or paths}
         None of which may be overwritten.
     """
-    from ..imaging.io import check_writable
+    from ..imaging.io import check_outputs
 
-    read = {Path(path).resolve(): path for path in inputs if path}
-    seen = set()
-    for path, allowed in outputs.items():
+    named = {name: path for name, (path, _) in outputs.items() if path}
+    for name, path in named.items():
+        allowed = outputs[name][1]
         if Path(path).suffix.lower() not in allowed:
             raise InputError(f"{path}: name a file that ends in {' or '.join(allowed)}")
-        if Path(path).resolve() in read:
-            raise InputError(f"{path} is an input too, which would be lost: name another output")
-        if Path(path).resolve() in seen:
-            raise InputError(f"{path} is named for two outputs: name another file")
-        seen.add(Path(path).resolve())
-        check_writable(path)
+    check_outputs(named, inputs)
 
 
 def _check_result_outputs(arguments, inputs) -> None:
-    named = (
-        (arguments.output, options.MESH),
-        (arguments.picture, options.PICTURE),
-        (arguments.table, options.TABLE),
-        (arguments.report, options.REPORT),
+    _check_outputs(
+        {
+            "--output": (arguments.output, options.MESH),
+            "--picture": (arguments.picture, options.PICTURE),
+            "--table": (arguments.table, options.TABLE),
+            "--report": (arguments.report, options.REPORT),
+        },
+        inputs,
     )
-    paths = [path for path, _ in named if path]
-    if len(set(paths)) < len(paths):
-        raise InputError("two outputs have the same name: name two files")
-    _check_outputs({path: allowed for path, allowed in named if path}, inputs)
     if arguments.picture is not None:
         import matplotlib  # noqa: F401  a missing extra is said now
 

@@ -6,7 +6,14 @@ import re
 from .. import __version__
 from ..errors import InputError
 from ..options import Choice, File, Flag, Number, Option, Picture, Rows, Table
-from ..study import LAWS, IdentificationOptions, MeshOptions, RegistrationOptions, ReportOptions
+from ..study import (
+    LAWS,
+    IdentificationOptions,
+    MeshOptions,
+    ReadOptions,
+    RegistrationOptions,
+    ReportOptions,
+)
 
 MESH, PICTURE, TABLE, REPORT = (".vtu",), (".png", ".pdf", ".svg"), (".csv",), (".json",)
 """How output files of each kind must end."""
@@ -166,19 +173,23 @@ def make_parser() -> Parser:
     one = add(commands.mesh)
     one.add_argument("segmentation", metavar="SEG", help="labelmap; 0 is background")
     _mesh(one, leave_out=["segmentation"])
+    add_options(one, ReadOptions)
     _output(one)
     one = add(commands.register)
     one.add_argument("--mesh", required=True, metavar="MESH.vtu")
     add_options(one, RegistrationOptions)
+    add_options(one, ReadOptions)
     _output(one)
     _displacement(add(commands.displacement))
     one = add(commands.identify)
     one.add_argument("mesh", metavar="IN.vtu", help="mesh with Displacement_1, Displacement_2, …")
     one.add_argument("--rest", metavar="IMAGE", help="rest image, for the picture")
+    add_options(one, ReadOptions)
     _results(one)
     one = add(commands.run)
     _mesh(one)
     add_options(one, RegistrationOptions)
+    add_options(one, ReadOptions)
     _results(one)
     one = add(commands.info)
     one.add_argument("map", metavar="MAP.vtu", help="a result")

@@ -7,7 +7,8 @@ from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkIntArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkTable
 
 from ..errors import InputError
-from ..results import COMPONENTS, QUANTITIES, to_matrices
+from ..results import COMPONENTS, QUANTITIES
+from .checks import cell_labels
 from .convert import (
     DISPLACEMENT,
     displacement_names,
@@ -115,20 +116,6 @@ def read_report(grid, about: str) -> dict:
 # ---- reading
 
 
-def labels_of(grid, order):
-    """Return the label of each cell in block order, or None."""
-    cells = grid.GetCellData()
-    return get_array(cells, "Label")[order].astype(int) if has_array(cells, "Label") else None
-
-
-def reaction_nodes_of(grid):
-    """Return which nodes may be pushed from outside, (n,) bool, or None."""
-    points = grid.GetPointData()
-    if not has_array(points, "ReactionNodes"):
-        return None
-    return get_array(points, "ReactionNodes").astype(bool)
-
-
 def displacement_of(grid, name: str) -> np.ndarray:
     """Return a displacement array, (n, 3)."""
     values = get_array(grid.GetPointData(), name).astype(float)
@@ -137,24 +124,15 @@ def displacement_of(grid, name: str) -> np.ndarray:
     return vectors(values)
 
 
-def information_of(grid, trials):
-    """Return (n_trials, n, 3, 3), or None unless every trial comes with its information."""
-    points = grid.GetPointData()
-    names = [information_name(name) for name in trials]
-    if not all(n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)):
-        return None
-    return to_matrices([get_array(points, name).astype(float) for name in names])
-
-
 def known_of(grid, order, by_label: dict):
     """Return what is known: by label, or, where the mesh says it cell by cell, (n_cells, 2)."""
     cells = grid.GetCellData()
     if not any(has_array(cells, name) for name in KNOWN):
         return by_label
     known = np.column_stack([get_array(cells, name) for name in KNOWN]).astype(float)[order]
-    labels = labels_of(grid, order)
+    labels = cell_labels(grid)
     for label, constants in by_label.items():
-        here = np.zeros(1, bool) if labels is None else labels == label
+        here = np.zeros(1, bool) if labels is None else labels[order] == label
         if not here.any():
             raise InputError(f"no cell of the mesh has the known material's label {label}")
         known[here & np.isnan(known).any(axis=1)] = constants  # what is said of a cell goes first

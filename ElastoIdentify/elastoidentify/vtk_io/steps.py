@@ -10,16 +10,14 @@ from ..errors import InputError
 from ..provenance import provenance
 from .arrays import (
     displacement_of,
-    information_of,
     known_of,
-    labels_of,
-    reaction_nodes_of,
     trials_of,
     write_identification,
     write_label_mesh,
     write_provenance,
     write_registration,
 )
+from .checks import cell_labels, displacement_notes, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
 
 
@@ -49,6 +47,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         For the provenance.
     progress : callable, optional
     """
+    mesh, notes = sound_mesh(mesh)
     blocks, order = mesh_blocks(mesh)
     trials = trials_of(mesh, trials)
     if not trials:
@@ -56,17 +55,21 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "no displacements: the mesh needs a point array Displacement_1, and one more per "
             "further trial"
         )
+    displacements = np.stack([displacement_of(mesh, name) for name in trials])
+    notes += displacement_notes(mesh, trials)
+    labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
         mesh_points(mesh),
         blocks,
-        np.stack([displacement_of(mesh, name) for name in trials]),
+        displacements,
         known=known_of(mesh, order, pipeline.known_by_label(options)),
-        labels=labels_of(mesh, order),
-        reaction_nodes=reaction_nodes_of(mesh),
-        information=information_of(mesh, trials),
+        labels=None if labels is None else labels[order],
+        reaction_nodes=reaction_nodes(mesh),
+        information=information(mesh, trials),
         progress=progress,
     )
+    result.report["warnings"] = notes + result.report["warnings"]
     grid = _copied(mesh)
     write_identification(grid, result, order)
     write_provenance(grid, provenance(options, inputs))

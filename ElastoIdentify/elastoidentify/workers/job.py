@@ -24,9 +24,12 @@ from pathlib import Path
 
 from ..errors import Cancelled, InputError
 from ..progress import Progress
-from .elastix_client import candidate_interpreters, worker_environment
+from .elastix_client import CLEAN_PATH, candidate_interpreters, worker_environment
 
 JOB, RESULT = "job.pickle", "result.pickle"
+_START = (
+    CLEAN_PATH + "import runpy; runpy.run_module('elastoidentify.workers.job', None, '__main__')"
+)
 
 
 class State(enum.Enum):
@@ -67,7 +70,7 @@ class BackgroundJob:
             with open(self._folder / JOB, "wb") as file:
                 pickle.dump((function, arguments, keywords), file)
             self._process = subprocess.Popen(
-                [_interpreter(), "-m", "elastoidentify.workers.job", str(self._folder)],
+                [_interpreter(), "-c", _START, str(self._folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
