@@ -33,9 +33,6 @@ KINDS = {
 }
 """VTK's number and the number of nodes of each kind of cell."""
 
-INFORMATION_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-"""Where xx, yy, zz, xy, yz, xz of an array on the wire go in a symmetric matrix."""
-
 DISPLACEMENT = re.compile(r"Displacement(?:_(\d+))?$")
 
 
@@ -77,18 +74,6 @@ def image_to_vtk(image: Image, name: str = "ImageScalars") -> vtkImageData:
     values.SetName(name)
     data.GetPointData().SetScalars(values)
     return data
-
-
-def slice_of_image(image: Image, axis: int, index: int) -> Image:
-    """Return slice `index` across `axis` (0, 1, 2 for i, j, k), in its place in the world."""
-    length = image.size[axis]
-    if not 0 <= index < length:
-        raise InputError(f"slice {index} across {'ijk'[axis]} is not in 0…{length - 1}")
-    cut = [slice(None)] * 3
-    cut[2 - axis] = slice(index, index + 1)
-    step = np.eye(3)[axis] * index
-    origin = image.index_to_world(step[None])[0]
-    return Image(image.array[tuple(cut)], origin, image.spacing, image.direction)
 
 
 # ---- meshes
@@ -237,14 +222,6 @@ def displacement_names(grid) -> list[str]:
 def information_name(displacement: str) -> str:
     """Return the name of the information array beside a displacement array."""
     return displacement.replace("Displacement", "DisplacementInformation", 1)
-
-
-def matrices(rows: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (n, 3, 3) of rows (n, 6) xx, yy, zz, xy, yz, xz."""
-    full = np.empty((len(rows), 3, 3))
-    for component, (i, j) in enumerate(INFORMATION_COMPONENTS):
-        full[:, i, j] = full[:, j, i] = rows[:, component]
-    return full
 
 
 def _names(data) -> str:
