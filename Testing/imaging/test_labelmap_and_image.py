@@ -46,6 +46,14 @@ def test_a_cropped_labelmap_has_the_reaction_nodes_of_the_whole_one(name, shape)
     assert np.allclose(found.points, alone.points)
 
 
+@pytest.mark.parametrize("k", [0, 9])
+def test_a_cropped_slice_of_a_volume_is_free_where_the_volume_goes_on(k):
+    image, whole = scene(np.eye(3), (20, 80, 90))
+    whole.array[:] = whole.array[9]
+    found = mesh_segmentation(crop(whole, (20, 15, k), (70, 60, k + 1)), 4.0, seen=image)
+    assert not found.reaction_nodes.any()
+
+
 def test_a_label_at_the_images_own_border_may_be_pushed_there():
     image, whole = scene(np.eye(3))
     whole.array[:, 15:60, :70] = 1  # reaches the image's first column

@@ -86,6 +86,8 @@ def _corner_distance(segmentation: Image, image: Image, planar: int | None) -> f
 
 def _cut_inside(segmentation: Image, image: Image) -> bool:
     """Tell whether labels reach a border of the labelmap that lies inside the image."""
+    planar = segmentation.planar_axis
+    normal = None if planar is None else segmentation.direction[:, planar]
     for axis in range(3):
         if segmentation.size[axis] == 1:
             continue
@@ -94,7 +96,7 @@ def _cut_inside(segmentation: Image, image: Image) -> bool:
             if not len(index):
                 continue
             full = np.insert(index.astype(float), axis, end + (0.5 if end else -0.5), axis=1)
-            if well_inside(segmentation.index_to_world(full), image).any():
+            if well_inside(segmentation.index_to_world(full), image, normal).any():
                 return True
     return False
 

@@ -22,19 +22,23 @@ def on_image_border(points: np.ndarray, image: Image, seen: Image | None = None)
         touching[:, image.planar_axis] = False
     touching = touching.any(axis=1)
     if seen is not None:
-        touching &= ~well_inside(points, seen)
+        normal = None if image.planar_axis is None else image.direction[:, image.planar_axis]
+        touching &= ~well_inside(points, seen, normal)
     return touching
 
 
-def well_inside(points: np.ndarray, image: Image) -> np.ndarray:
+def well_inside(points: np.ndarray, image: Image, normal: np.ndarray | None = None) -> np.ndarray:
     """Return which points (n, 3) have a whole voxel of the image beyond them on every side.
 
-    The slice direction of a planar image does not count.
+    Neither the slice direction of a planar image counts nor the axis nearest to `normal`, across
+    which there is one slice only.
     """
     index, size = image.world_to_index(points), np.array(image.size)
     inside = (index > 0.5) & (index < size - 1.5)
     if image.planar_axis is not None:
         inside[:, image.planar_axis] = True
+    if normal is not None:
+        inside[:, np.abs(normal @ image.direction).argmax()] = True
     return inside.all(axis=1)
 
 
