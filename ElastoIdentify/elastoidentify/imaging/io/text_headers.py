@@ -118,9 +118,8 @@ def check_metaimage(path: Path) -> None:
             item = META_BYTES[fields["ElementType"].removesuffix("_ARRAY")]
         except (KeyError, ValueError):
             raise damaged(path, "its header has no sizes or type") from None
+        _check_meta_header(path, fields, sizes, channels)
         wanted = math.prod(sizes) * channels * item
-        if min(sizes, default=0) < 1 or channels < 1:
-            raise damaged(path, "its header has sizes below 1")
         name = fields["ElementDataFile"]
         packed = fields.get("CompressedData", "").lower() == "true"
         text = fields.get("BinaryData", "").lower() == "false"
@@ -134,6 +133,25 @@ def check_metaimage(path: Path) -> None:
                 skip = int(float(fields.get("HeaderSize", 0)))
                 values.seek(skip if skip > 0 else 0)
                 _check_meta(path, values, packed, text, wanted, item)
+
+
+def _check_meta_header(path: Path, fields, sizes: list[int], channels: int) -> None:
+    """Raise unless a MetaImage's header is consistent; MetaIO trusts it and ends the process."""
+    dimensions = fields.get("NDims", "")
+    if dimensions != str(len(sizes)) or not 1 <= len(sizes) <= 10:
+        raise damaged(path, f"its header has {dimensions[:20]!r} dimensions, {len(sizes)} sizes")
+    if min(sizes) < 1 or not 1 <= channels <= 1000:
+        raise damaged(path, "its header has sizes below 1")
+    n = len(sizes)
+    lengths = {"ElementSpacing": n, "ElementSize": n, "Offset": n, "Position": n, "Origin": n}
+    lengths |= {"CenterOfRotation": n, "TransformMatrix": n * n, "Rotation": n * n}
+    for name, length in lengths.items():
+        try:
+            numbers = [float(word) for word in fields.get(name, "0 " * length).split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != length:
+            raise damaged(path, f"its header has no {length} numbers for {name}")
 
 
 def _check_meta(path: Path, stream, packed: bool, text: bool, wanted: int, item: int) -> None:
