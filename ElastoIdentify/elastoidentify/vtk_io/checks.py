@@ -158,6 +158,14 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     return np.stack(found)
 
 
+def displacement(grid: vtkUnstructuredGrid, name: str) -> np.ndarray:
+    """Return the point array `name` as vectors (n_nodes, 3), or raise InputError if it has none."""
+    values = get_array(grid.GetPointData(), name).astype(float)
+    if values.ndim != 2 or values.shape[1] not in (2, 3):
+        raise InputError(f"the point array {name!r} holds no vectors: it cannot be a displacement")
+    return vectors(values)
+
+
 def displacement_notes(grid: vtkUnstructuredGrid, trials: list[str]) -> list[str]:
     """Return sentences on displacements that hardly belong to this mesh.
 
@@ -172,7 +180,7 @@ def displacement_notes(grid: vtkUnstructuredGrid, trials: list[str]) -> list[str
     size = float(np.linalg.norm(np.ptp(points[used], axis=0)))
     notes = []
     for name in trials:
-        u = vectors(get_array(grid.GetPointData(), name).astype(float))
+        u = displacement(grid, name)
         if not np.isfinite(u[used]).all():
             continue  # the identification names the node
         notes += unit_notes(u[used], size, f"the displacements {name!r}")

@@ -80,8 +80,8 @@ def _nrrd_encoding(fields) -> str:
 
 def _check_detached(path: Path, name: str, kind: str, wanted: int, fields) -> None:
     data = path.parent / name
-    if not data.is_file():
-        raise InputError(f"{path}: the file with its values, {name}, is not there")
+    if not _is_file(data):
+        raise InputError(f"{path}: the file with its values, {name!r}, is not there")
     with open(data, "rb") as stream:
         _check(path, data, stream, kind, wanted, fields)
 
@@ -125,10 +125,12 @@ def check_metaimage(path: Path) -> None:
         text = fields.get("BinaryData", "").lower() == "false"
         if name.upper() == "LOCAL":
             _check_meta(path, stream, packed, text, wanted, item)
-        elif not name.upper().startswith("LIST") and "%" not in name:
+        elif name.upper().startswith("LIST") or "%" in name:
+            raise InputError(f"{path}: its values are in several files; save it as one .mha")
+        else:
             data = path.parent / name
-            if not data.is_file():
-                raise InputError(f"{path}: the file with its values, {name}, is not there")
+            if not _is_file(data):
+                raise InputError(f"{path}: the file with its values, {name!r}, is not there")
             with open(data, "rb") as values:
                 skip = int(float(fields.get("HeaderSize", 0)))
                 values.seek(skip if skip > 0 else 0)
@@ -186,6 +188,13 @@ def check_vtk(path: Path) -> None:
             require(path, count_unpacked(path, stream, "raw", 0), wanted * item)
         else:
             require(path, len(stream.read().split()), wanted)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that cannot be one
+        return False
 
 
 def _lines(stream) -> tuple[list[str], bool]:
