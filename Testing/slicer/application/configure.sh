@@ -12,8 +12,9 @@ python3 "$here/patch_slicer.py" "$src/Slicer"
 # Of CTK: the two files that wrap a library for PythonQt.
 cp "$src"/CTK/CMake/{ctkMacroWrapPythonQtModuleInit.cpp.in,ctkWrapPythonQt.py} "$libraries/cmake/ctk/"
 # Of VTK: the class hierarchies of its Qt modules, for which the wrapping of Slicer's classes waits.
+hierarchies=$(echo "$libraries"/vtk-9.*/hierarchy/VTK)
 for module in RenderingQt GUISupportQt ViewsQt GUISupportQtSQL; do
-    touch -a "$libraries"/vtk-9.*/hierarchy/VTK/vtk$module-hierarchy.txt
+    [ -e "$hierarchies/vtk$module-hierarchy.txt" ] || touch "$hierarchies/vtk$module-hierarchy.txt"
 done
 # Names that exported targets leave to the linker: a library of headers only, a switch that is OFF,
 # and libraries whose file has a version in its name.

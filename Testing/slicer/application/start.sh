@@ -23,8 +23,10 @@ path+=:$modules/qt-loadable-modules:$modules/qt-loadable-modules/Python:$modules
 # CTK's wrapped libraries are in the folder of the libraries.
 export PYTHONPATH=$path:/usr/lib/$(gcc -dumpmachine):/usr/lib/python3/dist-packages
 # Packages are installed beside Debian's, which may not be changed.
-export PIP_USER=1 PIP_BREAK_SYSTEM_PACKAGES=1
-screen=()
-[ -n "${DISPLAY:-}" ] || screen=(xvfb-run -a -s "-screen 0 1600x1000x24 +extension GLX")
-exec "${screen[@]}" $slicer/bin/SlicerApp-real --no-splash --disable-settings \
-    --additional-module-paths /project/ElastoIdentify "$@"
+export PIP_USER=1 PIP_BREAK_SYSTEM_PACKAGES=1 PIP_ROOT_USER_ACTION=ignore
+command=($slicer/bin/SlicerApp-real --no-splash --disable-settings
+         --additional-module-paths /project/ElastoIdentify "$@")
+[ -z "${DISPLAY:-}" ] || exec "${command[@]}"
+# A display of its own, with a window manager, as dialogs want one.
+exec xvfb-run -a -s "-screen 0 1600x1000x24 +extension GLX" \
+    sh -c 'openbox & manager=$!; "$@"; code=$?; kill $manager; exit $code' start.sh "${command[@]}"
