@@ -21,7 +21,8 @@ import mouse
 from mouse import until
 
 OUTPUT = Path(sys.argv[1] if len(sys.argv) > 1 else "/tmp/tour").resolve()
-PARTS = sys.argv[2:] or "sample cancel apply views scene files editor selftest".split()
+ALL = ("sample", "cancel", "apply", "views", "scene", "files", "editor", "selftest")
+PARTS = sys.argv[2:] or ALL
 checks = []
 
 
@@ -370,6 +371,64 @@ def files():
         panel().ui.materialsTable.rowCount == 5,
         panel().ui.materialsTable.rowCount,
     )
+
+
+def in_view(view, place):
+    """Return where a RAS point is in a slice view, in pixels of its widget."""
+    inverse = np.linalg.inv(slicer.util.arrayFromVTKMatrix(view.mrmlSliceNode().GetXYToRAS()))
+    x, y = (inverse @ [*place, 1.0])[:2]
+    return x, view.height - 1 - y
+
+
+def editor():
+    """Segment Editor: segments drawn with the mouse on own images, then their materials."""
+    slicer.mrmlScene.Clear(0)
+    for name in ("rest", "pushed 1", "pushed 2"):
+        slicer.util.loadVolume(str(OUTPUT / "own" / f"{name}.nrrd"))
+    rest = slicer.util.getNode("rest")
+    yield 1
+    slicer.util.selectModule("SegmentEditor")
+    yield 2
+    editor = slicer.modules.segmenteditor.widgetRepresentation().self().editor
+    if editor.sourceVolumeNode() is None:
+        editor.setSourceVolumeNode(rest)
+    yield 1
+    photo("segment-editor")
+    view = slicer.app.layoutManager().sliceWidget("Red").sliceView()
+    slicer.app.layoutManager().sliceWidget("Red").mrmlSliceNode().RotateToVolumePlane(rest)
+    slicer.app.layoutManager().sliceWidget("Red").sliceLogic().FitSliceToAll()
+    yield 1
+    matrix = rest.GetImageData().GetDimensions()
+    toRas = np.eye(4)
+    from ElastoIdentifyLib.images import ijk_to_world
+
+    toRas = ijk_to_world(rest)
+    width, height = matrix[:2]
+    # shares of the image's height: the pad on top of the tissue, the rigid indenter and floor
+    for first, last in ((0.16, 0.30), (0.30, 0.85)):
+        mouse.click(button(editor, "Add"))
+        yield 1
+        mouse.click(button(editor, "Draw"))
+        yield 1
+        corners = [(0.2, first), (0.8, first), (0.8, last), (0.2, last)]
+        for across, down in corners:
+            place = (toRas @ [across * width, down * height, 0, 1])[:3]
+            mouse.click(view, *in_view(view, place))
+            yield 0.4
+        mouse.keys("Return")
+        yield 1
+    photo("segments-drawn")
+    node = editor.segmentationNode()
+    check("two segments were drawn", node.GetSegmentation().GetNumberOfSegments() == 2)
+    for number in range(node.GetSegmentation().GetNumberOfSegments()):
+        segmentId = node.GetSegmentation().GetNthSegmentID(number)
+        mask = slicer.util.arrayFromSegmentBinaryLabelmap(node, segmentId, rest)
+        check(f"segment {number + 1} is not empty", mask.any(), int(mask.sum()))
+    slicer.util.selectModule("ElastoIdentify")
+    yield 2
+    ui = panel().ui
+    check("the button asks for what is missing", "choose pushed" in ui.applyButton.text)
+    photo("segments-in-panel")
 
 
 def selftest():
