@@ -45,9 +45,9 @@ fi
 
 # ---- Slicer
 
-loadable=(Cameras Units Terminologies SubjectHierarchy Colors Annotations Transforms Data Models
-          Plots Segmentations Sequences Markups SlicerWelcome Tables Texts ViewControllers Volumes
-          VolumeRendering)
+# What the module needs and what its users have open beside it. Annotations belongs to Markups.
+loadable=(Annotations Cameras Colors Data Markups Models Plots Segmentations SubjectHierarchy Tables
+          Terminologies Transforms Units ViewControllers Volumes)
 scripted=(DataProbe SampleData SegmentEditor SegmentStatistics)
 off=(SUPERBUILD USE_CTKAPPLAUNCHER USE_QtTesting USE_SimpleITK USE_TBB USE_VTK_DEBUG_LEAKS
      USE_PYTHONQT_WITH_OPENSSL BUILD_CLI BUILD_DICOM_SUPPORT BUILD_DIFFUSION_SUPPORT
