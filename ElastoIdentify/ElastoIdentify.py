@@ -393,7 +393,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         if self.run is None:
             self.timer.stop()
             return
-        from elastoidentify.background import State
+        from elastoidentify.workers.job import State
 
         if self._poll() is State.RUNNING:
             self.ui.progressBar.value = round(100 * self.run.fraction)
@@ -409,7 +409,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
                 raise
 
     def _poll(self):
-        from elastoidentify.background import State
+        from elastoidentify.workers.job import State
 
         try:
             return self.run.poll()
@@ -536,7 +536,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         ElastoIdentifyLib.outputs.Result
             model, transforms, table, chart, folder, …
         """
-        from elastoidentify.background import State
+        from elastoidentify.workers.job import State
         from ElastoIdentifyLib.request import Request
 
         run = self.start(Request(**request))

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import elastoidentify as ei
 import numpy as np
-from elastoidentify.materials import lame_from_young, plane_stress_lambda
-from elastoidentify.mesh import make_mesh
-from elastoidentify.pushing import solve_push
+from elastoidentify.fem.elastic_constants import lame_from_young, plane_stress_lambda
+from elastoidentify.fem.forward import solve_push
+from elastoidentify.fem.mesh import make_mesh
 from scipy.spatial import Delaunay
 
 

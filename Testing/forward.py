@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import skfem
-from elastoidentify.pushing import box_mesh, square_mesh
+from elastoidentify.fem.forward import box_mesh, square_mesh
 from scipy.spatial import Delaunay, cKDTree
 from skfem.helpers import ddot, sym_grad, trace
 

@@ -35,7 +35,7 @@ def program(name: str, command: str = APT_PARAVIEW) -> str:
 def has_elastix() -> bool:
     """Tell whether an interpreter with itk-elastix is found."""
     from elastoidentify.errors import InputError
-    from elastoidentify.imaging.elastix_process import find_interpreter
+    from elastoidentify.workers.elastix_client import find_interpreter
 
     try:
         find_interpreter()

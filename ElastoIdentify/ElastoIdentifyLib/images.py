@@ -11,8 +11,8 @@ import numpy as np
 import slicer
 import vtk
 from elastoidentify.errors import InputError
-from elastoidentify.filters.convert import slice_of_image
 from elastoidentify.imaging.image import Image
+from elastoidentify.vtk_io.convert import slice_of_image
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 
@@ -97,7 +97,7 @@ def same_slice(rest: Image, image: Image, axis: int, index: int, name: str) -> I
     """Return the slice of a pushed image that lies where the slice of the rest image does."""
     if rest.planar_axis is not None or image.planar_axis is not None:
         return image
-    from elastoidentify.imaging.registration import on_grid_of
+    from elastoidentify.imaging.registration.registration import on_grid_of
 
     return slice_of_image(on_grid_of(rest, image, name), axis, index)
 

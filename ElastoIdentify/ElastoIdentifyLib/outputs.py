@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import slicer
 import vtk
-from elastoidentify.filters.convert import mesh_to_vtk, set_array
 from elastoidentify.filters.identification import write_identification
-from elastoidentify.identification import STATUS_NOT_DETERMINED
+from elastoidentify.inverse.identify import STATUS_NOT_DETERMINED
 from elastoidentify.pipeline import Outcome, summarise
+from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from vtk.util.numpy_support import numpy_to_vtk
 

@@ -1,6 +1,6 @@
 """One run in the background, from nodes to an outcome. Touches the scene only to read it."""
 
-from elastoidentify.background import BackgroundJob, State
+from elastoidentify.workers.job import BackgroundJob, State
 
 from . import images
 from .request import Request

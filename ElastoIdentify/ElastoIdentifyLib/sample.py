@@ -3,8 +3,10 @@
 import numpy as np
 import slicer
 import vtk
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import solve_push
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.phantom import (
+from elastoidentify.imaging.phantom.planar import (
     FLOOR,
     INCLUSION,
     INDENTER,
@@ -13,10 +15,8 @@ from elastoidentify.imaging.phantom import (
     Inclusion,
     make_phantom,
 )
-from elastoidentify.imaging.push_quads import solve_pushes_on_quads
-from elastoidentify.materials import lame_from_young
+from elastoidentify.imaging.phantom.push_quads import solve_pushes_on_quads
 from elastoidentify.pipeline import make_mesh
-from elastoidentify.pushing import solve_push
 from vtk.util.numpy_support import numpy_to_vtk
 
 from .request import KNOWN, RIGID, Material, Request, tag_segment

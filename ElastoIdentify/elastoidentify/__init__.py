@@ -6,9 +6,12 @@
 
 from importlib import import_module
 
+from . import _moved
 from .errors import Cancelled, InputError
 
 __version__ = "0.1.0"
+
+_moved.install()
 
 __all__ = ["Cancelled", "IdentificationResult", "InputError", "identify"]
 
@@ -16,7 +19,7 @@ __all__ = ["Cancelled", "IdentificationResult", "InputError", "identify"]
 def __getattr__(name: str):
     """Import the numerics when they are first asked for (PEP 562): ``--help`` need not wait."""
     if name in ("IdentificationResult", "identify"):
-        return getattr(import_module(".identification", __name__), name)
+        return getattr(import_module(".inverse.identify", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from . import __version__
 from .errors import Cancelled, InputError
-from .terminal import TerminalProgress, figure
+from .report.terminal import TerminalProgress, figure
 
 METHODS = ("auto", "sequential", "global", "regularized")
 KINEMATICS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
@@ -80,7 +80,7 @@ def _say(message: str, code: int) -> int:
 
 def demo(arguments) -> None:
     """Go from a real MR slice to its stiffness map, and compare it with the truth."""
-    from .demo import run_demo
+    from .examples.demo import run_demo
 
     run_demo(
         arguments.out,
@@ -94,8 +94,8 @@ def demo(arguments) -> None:
 def phantom(arguments) -> None:
     """Make images of a pushed block whose stiffness is known."""
     from .imaging.io import output_folder, read_image
-    from .imaging.phantom import Inclusion, make_phantom, write_phantom
-    from .imaging.texture import mni152_path, slice_of
+    from .imaging.phantom.planar import Inclusion, make_phantom, write_phantom
+    from .imaging.phantom.texture import mni152_path, slice_of
 
     inclusions = [Inclusion()]
     if arguments.inclusion is not None:
@@ -148,7 +148,7 @@ def mesh(arguments) -> None:
 
 def register(arguments) -> None:
     """Measure the displacement of a mesh's nodes in images."""
-    from .imaging.vtu import read_mesh
+    from .vtk_io.vtu import read_mesh
 
     _check_outputs(arguments.output)
     images = _images(arguments)
@@ -160,11 +160,11 @@ def displacement(arguments) -> None:
     """Take the displacement of a mesh's nodes from fields, transforms or tables of points."""
     import numpy as np
 
-    from .filters.convert import mesh_points, set_array
     from .filters.registration import write_registration
-    from .imaging import displacement_sources as sources
-    from .imaging.registration import Registration
-    from .imaging.vtu import read_mesh
+    from .imaging.registration import sources as sources
+    from .imaging.registration.registration import Registration
+    from .vtk_io.convert import mesh_points, set_array
+    from .vtk_io.vtu import read_mesh
 
     _check_outputs(arguments.output)
     if not arguments.sources:
@@ -190,7 +190,7 @@ def displacement(arguments) -> None:
 
 def identify(arguments) -> None:
     """Identify the Lamé constants on a mesh with displacements."""
-    from .imaging.vtu import read_mesh
+    from .vtk_io.vtu import read_mesh
 
     _check_outputs(arguments.output, arguments.picture, arguments.table)
     rest = _image(arguments.rest) if arguments.rest else None
@@ -210,8 +210,8 @@ def run(arguments) -> None:
 
 def table2(arguments) -> None:
     """Print the source paper's table beside ours."""
-    from .paper import table2 as rows
-    from .paper import table2_text
+    from .examples.paper import table2 as rows
+    from .examples.paper import table2_text
 
     with TerminalProgress("table") as progress:
         lines = rows(progress=progress)
@@ -230,8 +230,8 @@ def _image(path: str):
 def _meshed(arguments, path: str):
     """Return the mesh of a segmentation file."""
     from .filters import SegmentationToTriangleMesh
-    from .filters.convert import get_text, image_to_vtk
     from .filters.direct import apply
+    from .vtk_io.convert import get_text, image_to_vtk
 
     if not arguments.edge_length > 0:
         raise InputError(f"edge length {arguments.edge_length:g}: give a positive length")
@@ -272,7 +272,7 @@ class _Images:
 
 def _images(arguments) -> _Images:
     """Read every image, and see that there is something to register with, before any work."""
-    from .imaging.elastix_process import find_interpreter
+    from .workers.elastix_client import find_interpreter
 
     if arguments.rest is None and len(arguments.pushed) < 2:
         raise InputError(
@@ -289,8 +289,8 @@ def _registered(arguments, grid, images: _Images):
     """Return the mesh with the displacements of every pushed image."""
     import json
 
-    from .filters.convert import get_text
     from .filters.registration import displaced
+    from .vtk_io.convert import get_text
 
     with TerminalProgress("registration") as progress:
         grid = displaced(
@@ -330,9 +330,9 @@ def _rehearse(arguments, grid, images: _Images) -> None:
     """
     import numpy as np
 
-    from .filters.convert import mesh_points
     from .filters.registration import write_registration
-    from .imaging.registration import Registration
+    from .imaging.registration.registration import Registration
+    from .vtk_io.convert import mesh_points
 
     def stop(*_):
         raise _Fine
@@ -380,12 +380,12 @@ def _deliver(arguments, grid, rest) -> None:
     rows = _report(grid, arguments.unit, arguments.length_unit)
     _write_mesh(arguments.output, grid)
     if arguments.table:
-        from .imaging.table import write_table
+        from .report.table import write_table
 
         write_table(arguments.table, rows)
         print(f"wrote {arguments.table}")
     if arguments.picture:
-        from .imaging.picture import draw
+        from .report.picture import draw
 
         draw(arguments.picture, grid, rest, unit=arguments.unit, length=arguments.length_unit)
         print(f"wrote {arguments.picture}")
@@ -395,8 +395,8 @@ def _report(grid, unit: str, length: str) -> list[dict]:
     """Print how it was found, and the figures per label; return those."""
     import json
 
-    from .filters.convert import get_array, get_text
-    from .imaging.table import RESULT_ARRAYS, label_rows, table_text
+    from .report.table import RESULT_ARRAYS, label_rows, table_text
+    from .vtk_io.convert import get_array, get_text
 
     report = json.loads(get_text(grid, "IdentificationReport"))
     informed = grid.GetPointData().GetArray("DisplacementInformation_1") is not None
@@ -459,7 +459,7 @@ def _warn(sentences: Sequence[str]) -> None:
 
 
 def _write_mesh(path: str, grid) -> None:
-    from .imaging.vtu import write_mesh
+    from .vtk_io.vtu import write_mesh
 
     write_mesh(path, grid)
     print(f"wrote {path}")

@@ -1,7 +1,7 @@
 """From images, or from displacements, to the map: mesh, register, identify.
 
 One :class:`Job` in, one :class:`Outcome` out, both plain arrays that can be pickled, so that a host
-can have the work done by a process in the background (:mod:`elastoidentify.background`).
+can have the work done by a process in the background (:mod:`elastoidentify.workers.job`).
 """
 
 from collections.abc import Sequence
@@ -10,14 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import InputError
-from .identification import (
-    STATUS_IDENTIFIED,
-    STATUS_KNOWN,
-    IdentificationResult,
-    identify,
-)
 from .imaging.image import Image
 from .imaging.meshing import LabelMesh, mesh_segmentation
+from .inverse.identify import STATUS_IDENTIFIED, STATUS_KNOWN, IdentificationResult, identify
 from .progress import Progress, part, silent
 
 SYMMETRIC = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
@@ -53,7 +48,7 @@ class Job:
     displacements : (t, n, 3), optional
         Of the nodes of `mesh`, rest → pushed; used instead of a registration.
     options : dict
-        Keywords of :func:`~elastoidentify.identification.identify`: method, kinematics, …
+        Keywords of :func:`~elastoidentify.inverse.identify.identify`: method, kinematics, …
     """
 
     segmentation: Image | None
@@ -106,7 +101,7 @@ def run(job: Job, progress: Progress | None = None) -> Outcome:
     warnings = list(mesh.notes)
     displacements, information = job.displacements, None
     if displacements is None:
-        from .imaging.registration import register
+        from .imaging.registration.registration import register
 
         if job.rest is None or not job.pushed:
             raise InputError("no images: give a rest image and at least one pushed image")

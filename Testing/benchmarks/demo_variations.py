@@ -7,14 +7,14 @@ median μ of the cells whose centre lies in the true inclusion over that of the 
 import argparse
 
 import numpy as np
-from elastoidentify.demo import _identify, _measure
-from elastoidentify.filters.convert import get_array, mesh_points
-from elastoidentify.filters.convert import simplices as cells_of
+from elastoidentify.examples.demo import _identify, _measure
 from elastoidentify.filters.registration import write_registration
 from elastoidentify.imaging.io import read_image
-from elastoidentify.imaging.phantom import Phantom, make_phantom
-from elastoidentify.imaging.registration import Registration
-from elastoidentify.imaging.texture import mni152_path, slice_of
+from elastoidentify.imaging.phantom.planar import Phantom, make_phantom
+from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
+from elastoidentify.imaging.registration.registration import Registration
+from elastoidentify.vtk_io.convert import get_array, mesh_points
+from elastoidentify.vtk_io.convert import simplices as cells_of
 
 VARIATIONS = ((92, 0, True), (75, 1, True), (110, 2, True), (92, 0, False))  # slice, seed, told
 HEAD = """

@@ -17,8 +17,8 @@ import elastoidentify as ei
 import numpy as np
 import scipy.sparse.linalg as spl
 import skfem
-from elastoidentify.materials import lame_from_young
-from elastoidentify.pushing import solve_push, square_mesh
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import solve_push, square_mesh
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

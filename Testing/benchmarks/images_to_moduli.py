@@ -23,14 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from elastoidentify import identify
-from elastoidentify.imaging.elastix_process import ElastixProcess
 from elastoidentify.imaging.io import read_image
 from elastoidentify.imaging.meshing import mesh_segmentation
-from elastoidentify.imaging.phantom import Inclusion, Phantom, make_phantom
-from elastoidentify.imaging.registration import register
-from elastoidentify.imaging.texture import mni152_path, slice_of
+from elastoidentify.imaging.phantom.planar import Inclusion, Phantom, make_phantom
+from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
+from elastoidentify.imaging.registration.registration import register
 from elastoidentify.pipeline import SYMMETRIC, cell_blocks
-from elastoidentify.terminal import TerminalProgress
+from elastoidentify.report.terminal import TerminalProgress
+from elastoidentify.workers.elastix_client import ElastixProcess
 
 PAD, TISSUE, INCLUSION = 1, 2, 3
 AXIAL, CORONAL, SPECKLE = 2, 1, None

@@ -28,9 +28,9 @@ from scipy.ndimage import map_coordinates
 sys.path.insert(0, str(Path(__file__).parents[1] / "imaging"))
 import pairs
 from elastoidentify import identify
-from elastoidentify.imaging.elastix_process import ElastixProcess
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.registration import register
+from elastoidentify.imaging.registration.registration import register
+from elastoidentify.workers.elastix_client import ElastixProcess
 
 LOST = 1.0  # pixels
 KNOWN_HEIGHT = 0.25  # the upper quarter of the block is the known material

@@ -22,14 +22,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
-from elastoidentify.balance import force_matrices, internal_forces, tangent_stiffness
-from elastoidentify.imaging import refinement
-from elastoidentify.imaging.elastix_process import ElastixProcess
-from elastoidentify.imaging.information import displacement_information, fit_grey_values
-from elastoidentify.imaging.registration import CARRIED, PixelFrame
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.materials import lame_from_young
-from elastoidentify.mesh import make_mesh
+from elastoidentify.fem.assembly import force_matrices, internal_forces, tangent_stiffness
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.mesh import make_mesh
+from elastoidentify.imaging.registration import correlation as refinement
+from elastoidentify.imaging.registration.information import (
+    displacement_information,
+    fit_grey_values,
+)
+from elastoidentify.imaging.registration.registration import CARRIED, PixelFrame
+from elastoidentify.workers.elastix_client import ElastixProcess
 from images_to_moduli import INCLUSION, PAD, REPORTED, TISSUE, make_case
 from scipy import ndimage
 

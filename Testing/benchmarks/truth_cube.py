@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 from elastoidentify import InputError, identify
-from elastoidentify.identification import IdentificationResult
-from elastoidentify.imaging.displacement_sources import displacement_from_points
-from elastoidentify.materials import lame_from_young
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.imaging.registration.sources import displacement_from_points
+from elastoidentify.inverse.identify import IdentificationResult
 from elastoidentify.progress import silent
 from scipy.sparse.linalg import spsolve
 

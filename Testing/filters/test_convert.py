@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from elastoidentify import InputError
-from elastoidentify.filters import convert
 from elastoidentify.imaging.image import Image
+from elastoidentify.vtk_io import convert
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import (
     VTK_POLYGON,

@@ -6,10 +6,11 @@ import elastoidentify as ei
 import numpy as np
 import pytest
 from elastoidentify import InputError
-from elastoidentify.filters import LameIdentification, PushingPhantom, convert
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.filters import LameIdentification, PushingPhantom
 from elastoidentify.filters.identification import CELL_RESULTS
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.methods import METHODS
+from elastoidentify.inverse.methods import METHODS
+from elastoidentify.vtk_io import convert
 
 PAD = {1: (5000.0, 0.43)}
 
@@ -111,7 +112,7 @@ def test_cells_of_a_mixed_mesh_keep_their_order(random):
     lam = truth * 2 * 0.43 / (1 - 2 * 0.43)
     held = convert.get_array(square.GetPointData(), "ReactionNodes").astype(bool)
     for number, push in enumerate([(0, -0.01), (0.01, -0.01), (0.01, 0.005)], 1):
-        from elastoidentify.pushing import solve_push
+        from elastoidentify.fem.forward import solve_push
 
         target = np.where(points[held][:, 1:] > 0.1, push, 0.0)
         moved = np.flatnonzero(held)
@@ -241,7 +242,7 @@ def test_displacements_must_be_there_and_be_vectors(phantom):
 def test_information_reaches_the_library_only_if_every_trial_has_it(phantom, monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "elastoidentify.identification.identify",
+        "elastoidentify.inverse.identify.identify",
         lambda *args, information, **rest: seen.append(information) or 1 / 0,
     )
     grid = updated(phantom)

@@ -10,10 +10,10 @@ from elastoidentify.filters import (
     LameIdentification,
     PushingPhantom,
     SegmentationToTriangleMesh,
-    convert,
 )
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.meshing import mesh_segmentation
+from elastoidentify.vtk_io import convert
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 
@@ -102,7 +102,7 @@ def test_the_labels_of_the_image_can_be_picked_as_rigid(segmentation):
 @pytest.fixture(scope="module")
 def phantom():
     """A small phantom with images, 1.25 mm pixels."""
-    from elastoidentify.imaging.phantom import make_phantom
+    from elastoidentify.imaging.phantom.planar import make_phantom
 
     return make_phantom(pixels=96, elements=30, pushes=((0.0, 0.06), (0.04, 0.04)))
 
@@ -148,7 +148,7 @@ def test_failed_registration_is_one_line_and_no_output(segmentation):
 
 def test_the_arrays_of_a_registration_replace_those_of_an_earlier_one(segmentation):
     from elastoidentify.filters.registration import write_registration
-    from elastoidentify.imaging.registration import Registration
+    from elastoidentify.imaging.registration.registration import Registration
 
     grid = mesh_by_filter(segmentation, edge_length=4.0)
     nodes = grid.GetNumberOfPoints()

@@ -8,8 +8,8 @@ from elastoidentify.filters import (
     Filter,
     LameIdentification,
     PushingPhantom,
-    convert,
 )
+from elastoidentify.vtk_io import convert
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
 
@@ -110,7 +110,7 @@ def test_every_step_of_a_pushed_image_series_is_a_trial(monkeypatch):
 
     seen = []
     monkeypatch.setattr(
-        "elastoidentify.imaging.registration.register",
+        "elastoidentify.imaging.registration.registration.register",
         lambda rest, pushed, *rest_of_it, **settings: (
             seen.append([float(p.array[0, 0, 0]) for p in pushed]) or 1 / 0
         ),

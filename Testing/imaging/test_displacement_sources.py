@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elastoidentify.errors import InputError
-from elastoidentify.imaging.displacement_sources import (
+from elastoidentify.imaging.registration.sources import (
     displacement_from_field,
     displacement_from_points,
     displacement_from_transform,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from elastoidentify.imaging.information import (
+from elastoidentify.imaging.registration.information import (
     displacement_information,
     noise_of_difference,
     simplices,

@@ -135,14 +135,14 @@ def test_outputs_are_checked_before_the_work(tmp_path):
 @pytest.fixture
 def vtu():
     pytest.importorskip("vtkmodules")
-    from elastoidentify.imaging import vtu
+    from elastoidentify.vtk_io import vtu
 
     return vtu
 
 
 @pytest.fixture
 def triangle(vtu):
-    from elastoidentify.filters.convert import mesh_to_vtk, set_array, set_text
+    from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array, set_text
 
     grid = mesh_to_vtk(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     set_array(grid.GetCellData(), "Label", np.array([7], np.int32))
@@ -152,7 +152,7 @@ def triangle(vtu):
 
 
 def test_a_mesh_comes_back_with_all_its_data(tmp_path, vtu, triangle):
-    from elastoidentify.filters.convert import get_array, get_text, mesh_points
+    from elastoidentify.vtk_io.convert import get_array, get_text, mesh_points
 
     vtu.write_mesh(tmp_path / "mesh.vtu", triangle)
     back = vtu.read_mesh(tmp_path / "mesh.vtu")

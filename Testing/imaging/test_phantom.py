@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from elastoidentify.errors import InputError
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.phantom import Inclusion, make_phantom, write_phantom
-from elastoidentify.imaging.texture import slice_of
+from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom, write_phantom
+from elastoidentify.imaging.phantom.texture import slice_of
 from scipy.ndimage import map_coordinates
 from scipy.optimize import brentq
 
@@ -52,8 +52,8 @@ def test_two_layers_without_poisson_effect_share_the_push_as_two_springs_do(kine
 
 
 def test_the_push_agrees_with_linear_quadrilaterals_of_another_solver():
-    from elastoidentify.materials import lame_from_young
-    from elastoidentify.pushing import box_mesh, solve_push
+    from elastoidentify.fem.elastic_constants import lame_from_young
+    from elastoidentify.fem.forward import box_mesh, solve_push
 
     phantom = make_phantom(pixels=64, elements=40, width=1.0, pushes=[(0.03, 0.05)], poisson=0.4)
     points, cells = box_mesh((60, 60), (1.0, 1.0), "quad")
@@ -188,7 +188,7 @@ def test_the_template_is_found_without_importing_nilearn():
     import sys
 
     from elastoidentify.imaging.io import read_image
-    from elastoidentify.imaging.texture import mni152_path
+    from elastoidentify.imaging.phantom.texture import mni152_path
 
     try:
         path = mni152_path()

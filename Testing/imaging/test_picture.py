@@ -9,11 +9,11 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("vtkmodules")
 pytest.importorskip("SimpleITK")
 
-from elastoidentify.filters.convert import mesh_to_vtk, set_array
+from elastoidentify.fem.forward import box_mesh, square_mesh
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.picture import draw
-from elastoidentify.imaging.table import label_rows, table_text, write_table
-from elastoidentify.pushing import box_mesh, square_mesh
+from elastoidentify.report.picture import draw
+from elastoidentify.report.table import label_rows, table_text, write_table
+from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
 from matplotlib.image import imread
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -41,7 +41,7 @@ def map_of(points, cells, status=None, kind="triangle"):
 
 def moved(grid, axes, origin):
     """The same grid elsewhere in space."""
-    from elastoidentify.filters.convert import mesh_points
+    from elastoidentify.vtk_io.convert import mesh_points
 
     other = grid.NewInstance()
     other.DeepCopy(grid)

@@ -1,8 +1,8 @@
 """The push that needs no scikit-fem agrees with the one that does."""
 
 import numpy as np
-from elastoidentify.imaging.push import solve_pushes
-from elastoidentify.imaging.push_quads import solve_pushes_on_quads
+from elastoidentify.imaging.phantom.push import solve_pushes
+from elastoidentify.imaging.phantom.push_quads import solve_pushes_on_quads
 
 
 def moduli(x, y):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from elastoidentify.cli import main
 from elastoidentify.imaging.io import read_image, write_image
-from elastoidentify.imaging.phantom import make_phantom, write_phantom
-from elastoidentify.imaging.texture import mni152_path, slice_of
-from elastoidentify.imaging.vtu import read_mesh
+from elastoidentify.imaging.phantom.planar import make_phantom, write_phantom
+from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
+from elastoidentify.vtk_io.vtu import read_mesh
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
 pytest.importorskip("itk", reason="needs itk-elastix")

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elastoidentify.errors import Cancelled, InputError
-from elastoidentify.imaging.elastix_process import ElastixProcess
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.registration import (
+from elastoidentify.imaging.registration.registration import (
     SIX,
     PixelFrame,
     check_image,
     on_grid_of,
     register,
 )
+from elastoidentify.workers.elastix_client import ElastixProcess
 from hosts import has_elastix
 from scipy import ndimage
 

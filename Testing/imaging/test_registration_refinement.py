@@ -1,8 +1,8 @@
 """The second step: what smooth deformations miss is found in the images."""
 
 import numpy as np
-from elastoidentify.imaging.refinement import equilibrium_gap, refine_displacement
-from elastoidentify.mesh import make_mesh
+from elastoidentify.fem.mesh import make_mesh
+from elastoidentify.imaging.registration.correlation import equilibrium_gap, refine_displacement
 from scipy import ndimage
 from scipy.spatial import Delaunay
 

@@ -12,16 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from elastoidentify.errors import Cancelled, InputError
-from elastoidentify.imaging import elastix_process, registration
-from elastoidentify.imaging.elastix_process import ElastixProcess, LogProgress, find_interpreter
 from elastoidentify.imaging.image import Image
-from elastoidentify.imaging.parameter_files import (
+from elastoidentify.imaging.registration import registration
+from elastoidentify.imaging.registration.parameter_files import (
     FOLDER,
     check_names,
     load_parameters,
     read_parameter_map,
     shipped_maps,
 )
+from elastoidentify.workers import elastix_client
+from elastoidentify.workers.elastix_client import ElastixProcess, LogProgress, find_interpreter
 from hosts import has_elastix
 
 needs_elastix = pytest.mark.skipif(
@@ -47,7 +48,7 @@ def leftovers():
             words = (process / "cmdline").read_bytes(), (process / "environ").read_bytes()
         except OSError:
             continue
-        if b"elastix_worker" in words[0] and own.encode() in words[1]:
+        if b"elastix_engine" in words[0] and own.encode() in words[1]:
             workers.add(process.name)
     return folders, workers
 
@@ -74,16 +75,16 @@ def quick_map(iterations=50):
 
 
 def test_without_itk_elastix_the_error_says_how_to_install_it(monkeypatch):
-    monkeypatch.delenv(elastix_process.PYTHON_VARIABLE, raising=False)
-    monkeypatch.setattr(elastix_process, "_can_run", lambda python: False)
+    monkeypatch.delenv(elastix_client.PYTHON_VARIABLE, raising=False)
+    monkeypatch.setattr(elastix_client, "_can_run", lambda python: False)
     with pytest.raises(InputError, match=r'pip install "elastoidentify\[registration\]"'):
         ElastixProcess()
 
 
 def test_the_environment_variable_chooses_the_interpreter(monkeypatch):
-    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, sys.executable)
+    monkeypatch.setenv(elastix_client.PYTHON_VARIABLE, sys.executable)
     assert find_interpreter() == sys.executable
-    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, "/no/such/python")
+    monkeypatch.setenv(elastix_client.PYTHON_VARIABLE, "/no/such/python")
     with pytest.raises(InputError, match="ELASTOIDENTIFY_PYTHON"):
         find_interpreter()
 
@@ -96,7 +97,7 @@ def test_a_python_of_its_own_gets_nothing_of_the_hosts_packages(monkeypatch, tmp
     python.chmod(0o755)
     monkeypatch.setenv("PYTHONPATH", "/of/the/host")
     monkeypatch.setenv("PYTHONHOME", "/of/the/host")
-    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, str(python))
+    monkeypatch.setenv(elastix_client.PYTHON_VARIABLE, str(python))
     with pytest.raises(InputError, match="no elastix here"):
         ElastixProcess()
     names = [line.partition("=")[0] for line in seen.read_text().splitlines()]
@@ -105,7 +106,7 @@ def test_a_python_of_its_own_gets_nothing_of_the_hosts_packages(monkeypatch, tmp
 
 
 def test_a_python_like_the_host_finds_the_hosts_packages():
-    paths = elastix_process.worker_environment()["PYTHONPATH"].split(os.pathsep)
+    paths = elastix_client.worker_environment()["PYTHONPATH"].split(os.pathsep)
     assert str(Path(np.__file__).parents[1]) in paths
 
 
@@ -115,10 +116,10 @@ def test_an_application_is_not_taken_for_an_interpreter(monkeypatch, tmp_path):
     host.write_text("#!/bin/sh\nexit 0\n")
     host.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(host))
-    candidates = elastix_process.candidate_interpreters()
+    candidates = elastix_client.candidate_interpreters()
     assert candidates and str(host) not in candidates
     monkeypatch.setattr(sys, "executable", "")
-    assert elastix_process.candidate_interpreters()
+    assert elastix_client.candidate_interpreters()
 
 
 def test_a_python_where_elastix_does_not_load_is_one_line(monkeypatch, tmp_path):
@@ -126,7 +127,7 @@ def test_a_python_where_elastix_does_not_load_is_one_line(monkeypatch, tmp_path)
     broken = tmp_path / "python"
     broken.write_text(f'#!/bin/sh\nPYTHONPATH={tmp_path} exec {sys.executable} "$@"\n')
     broken.chmod(0o755)
-    monkeypatch.setenv(elastix_process.PYTHON_VARIABLE, str(broken))
+    monkeypatch.setenv(elastix_client.PYTHON_VARIABLE, str(broken))
     before = leftovers()
     with pytest.raises(InputError, match="itk is broken here") as error:
         ElastixProcess()
@@ -210,7 +211,7 @@ def test_a_host_that_dies_takes_the_worker_and_its_files_with_it(death):
     program = textwrap.dedent(
         """
         import numpy as np
-        from elastoidentify.imaging.elastix_process import ElastixProcess
+        from elastoidentify.workers.elastix_client import ElastixProcess
         from elastoidentify.imaging.parameter_files import load_parameters
         maps, _ = load_parameters(None, 2)
         maps[0]["MaximumNumberOfIterations"] = ["1000000"]

@@ -8,11 +8,11 @@ not use; its images are speckle with noise, lying askew in the world, with voxel
 import numpy as np
 import pytest
 from elastoidentify.cli import main
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import box_mesh, solve_push
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.io import write_image
-from elastoidentify.imaging.vtu import read_mesh
-from elastoidentify.materials import lame_from_young
-from elastoidentify.pushing import box_mesh, solve_push
+from elastoidentify.vtk_io.vtu import read_mesh
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import vtk_to_numpy

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import skfem
-from elastoidentify.balance import (
+from elastoidentify.fem.assembly import (
     force_matrices,
     internal_forces,
     partial_connection_matrices,
     tangent_stiffness,
 )
-from elastoidentify.elements import CELL_TYPES
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.mesh import make_mesh
-from elastoidentify.pushing import box_mesh, square_mesh
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.fem.elements import CELL_TYPES
+from elastoidentify.fem.forward import box_mesh, square_mesh
+from elastoidentify.fem.mesh import make_mesh
 from skfem.helpers import ddot, sym_grad, trace
 
 SKFEM = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from elastoidentify import cli
 from elastoidentify.errors import Cancelled
-from elastoidentify.pushing import solve_push, square_mesh
+from elastoidentify.fem.forward import solve_push, square_mesh
 
 KNOWN = ["--known", "1:E=5000,nu=0.43"]
 BY_LABEL = ["--group", "label"]
@@ -30,8 +30,8 @@ def pushed_mesh(tmp_path):
     """A function that writes a square with exact displacements, changed as wanted."""
     pytest.importorskip("vtkmodules")
     pytest.importorskip("SimpleITK")
-    from elastoidentify.filters.convert import mesh_to_vtk, set_array
-    from elastoidentify.imaging.vtu import write_mesh
+    from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
+    from elastoidentify.vtk_io.vtu import write_mesh
 
     def make(change=lambda arrays: None, name="pushed.vtu"):
         points, cells = square_mesh(6, 6, 60.0, 60.0)
@@ -75,8 +75,8 @@ def test_identify_writes_map_table_and_picture_and_says_what_it_found(
     tmp_path, pushed_mesh, capsys
 ):
     pytest.importorskip("matplotlib")
-    from elastoidentify.filters.convert import get_array
-    from elastoidentify.imaging.vtu import read_mesh
+    from elastoidentify.vtk_io.convert import get_array
+    from elastoidentify.vtk_io.vtu import read_mesh
 
     mesh, arrays = pushed_mesh()
     out, table, picture = (tmp_path / f"map.{suffix}" for suffix in ("vtu", "csv", "png"))
@@ -98,8 +98,8 @@ def test_identify_writes_map_table_and_picture_and_says_what_it_found(
 
 
 def test_options_reach_the_identification(tmp_path, pushed_mesh):
-    from elastoidentify.filters.convert import get_text
-    from elastoidentify.imaging.vtu import read_mesh
+    from elastoidentify.vtk_io.convert import get_text
+    from elastoidentify.vtk_io.vtu import read_mesh
 
     mesh, _ = pushed_mesh()
     out = tmp_path / "map.vtu"
@@ -112,8 +112,8 @@ def test_options_reach_the_identification(tmp_path, pushed_mesh):
 def test_phantom_mesh_and_displacement_work_from_file_to_file(tmp_path, capsys):
     pytest.importorskip("vtkmodules")
     pytest.importorskip("skfem")
-    from elastoidentify.filters.convert import get_array, mesh_points
-    from elastoidentify.imaging.vtu import read_mesh
+    from elastoidentify.vtk_io.convert import get_array, mesh_points
+    from elastoidentify.vtk_io.vtu import read_mesh
 
     made = tmp_path / "phantom"
     small = ["--image", "speckle", "--pixels", "64", "--push", "0,0.05"]
@@ -187,7 +187,7 @@ def test_help_does_not_wait_for_the_numerics():
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, check=True, encoding="utf-8"
     )
-    assert done.stdout.splitlines()[-2:] == ["[]", "elastoidentify.identification True"]
+    assert done.stdout.splitlines()[-2:] == ["[]", "elastoidentify.inverse.identify True"]
 
 
 def test_a_terminal_without_greek_letters_gets_question_marks():
@@ -307,7 +307,7 @@ def images(tmp_path_factory):
     pytest.importorskip("SimpleITK")
     from elastoidentify.imaging.image import Image
     from elastoidentify.imaging.io import write_image
-    from elastoidentify.imaging.phantom import make_phantom, write_phantom
+    from elastoidentify.imaging.phantom.planar import make_phantom, write_phantom
 
     folder = tmp_path_factory.mktemp("images")
     made = make_phantom(pixels=64, elements=16)
@@ -387,7 +387,9 @@ def test_run_checks_everything_before_it_registers(
 ):
     pytest.importorskip("vtkmodules")
     monkeypatch.chdir(images)
-    monkeypatch.setattr("elastoidentify.imaging.registration.ElastixProcess", pytest.fail)
+    monkeypatch.setattr(
+        "elastoidentify.imaging.registration.registration.ElastixProcess", pytest.fail
+    )
     files = ["--rest", "rest.nrrd", "--pushed", "pushed_1.nrrd"]
     files += ["--segmentation", "segmentation.nrrd", "--edge-length", "15", "--rigid", "4"]
     given = ["run", *files, "--known", "1:E=5000,nu=0.45", "-o", tmp_path / "out.vtu"]
@@ -419,7 +421,7 @@ def test_a_refused_phantom_leaves_no_folder_and_keeps_one_that_was_there(tmp_pat
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), Cancelled("by the user")])
 def test_cancel_is_one_line_exit_1_and_no_output(tmp_path, pushed_mesh, capsys, monkeypatch, stop):
-    import elastoidentify.identification as identification
+    import elastoidentify.inverse.identify as identification
 
     def cancel(*arguments, **options):
         raise stop
@@ -432,7 +434,7 @@ def test_cancel_is_one_line_exit_1_and_no_output(tmp_path, pushed_mesh, capsys, 
 
 
 def test_a_defect_is_one_line_and_exit_1(tmp_path, pushed_mesh, capsys, monkeypatch):
-    import elastoidentify.identification as identification
+    import elastoidentify.inverse.identify as identification
 
     def fail(*arguments, **options):
         raise ZeroDivisionError("somewhere")

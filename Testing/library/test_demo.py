@@ -13,7 +13,7 @@ for name in ("skfem", "SimpleITK", "itk", "vtkmodules", "matplotlib"):
 
 def mr_texture():
     from elastoidentify.errors import InputError
-    from elastoidentify.imaging.texture import mni152_path
+    from elastoidentify.imaging.phantom.texture import mni152_path
 
     try:
         return mni152_path()
@@ -23,7 +23,7 @@ def mr_texture():
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    from elastoidentify.demo import run_demo
+    from elastoidentify.examples.demo import run_demo
 
     mr_texture()
     folder, lines = tmp_path_factory.mktemp("demo"), []
@@ -53,8 +53,8 @@ def test_truth_time_and_memory_are_printed(demo):
 
 
 def test_picture_tables_meshes_and_phantom_are_in_the_folder(demo):
-    from elastoidentify.filters.convert import get_text
-    from elastoidentify.imaging.vtu import read_mesh
+    from elastoidentify.vtk_io.convert import get_text
+    from elastoidentify.vtk_io.vtu import read_mesh
 
     folder, found, _ = demo
     names = {file.name for file in folder.iterdir()}
@@ -69,8 +69,8 @@ def test_picture_tables_meshes_and_phantom_are_in_the_folder(demo):
 
 
 def test_a_demo_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
-    from elastoidentify import demo
     from elastoidentify.errors import Cancelled
+    from elastoidentify.examples import demo
 
     def stop(*_):
         raise Cancelled

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from elastoidentify.elements import CELL_TYPES
 from elastoidentify.errors import InputError
-from elastoidentify.mesh import make_mesh, plane_frame
-from elastoidentify.pushing import box_mesh, square_mesh
+from elastoidentify.fem.elements import CELL_TYPES
+from elastoidentify.fem.forward import box_mesh, square_mesh
+from elastoidentify.fem.mesh import make_mesh, plane_frame
 from scipy.spatial import ConvexHull
 
 KINDS = list(CELL_TYPES)

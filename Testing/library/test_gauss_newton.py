@@ -4,12 +4,12 @@ import elastoidentify as ei
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from elastoidentify import regularized
-from elastoidentify.dissection import QuasiDefiniteSolver
-from elastoidentify.gauss_newton import AdjointSystem, DirectSystem
-from elastoidentify.materials import lame_from_young
-from elastoidentify.pushing import box_mesh, solve_push
-from elastoidentify.regularized import TrialFit
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import box_mesh, solve_push
+from elastoidentify.inverse import regularized
+from elastoidentify.inverse.newton_systems import AdjointSystem, DirectSystem
+from elastoidentify.inverse.regularized import TrialFit
+from elastoidentify.linalg.ldl import QuasiDefiniteSolver
 
 SCALE = 0.3
 

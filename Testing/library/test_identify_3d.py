@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from bodies import determined_cells, floor_and_top, push_from_above
 from elastoidentify.errors import InputError
-from elastoidentify.pushing import box_mesh
+from elastoidentify.fem.forward import box_mesh
 
 
 def twist(x):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from bodies import determined_cells, floor_and_top, push_from_above, scattered_triangles
 from elastoidentify.errors import InputError
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.mesh import make_mesh
-from elastoidentify.pushing import box_mesh, square_mesh
-from elastoidentify.sequential import plan_walk
-from elastoidentify.system import BalanceSystem
-from elastoidentify.unknowns import make_unknowns
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.fem.forward import box_mesh, square_mesh
+from elastoidentify.fem.mesh import make_mesh
+from elastoidentify.inverse.balance_system import BalanceSystem
+from elastoidentify.inverse.parameterization import make_unknowns
+from elastoidentify.inverse.sequential import plan_walk
 
 EXACT = ("global", "sequential")
 DOWN_AND_OBLIQUE = ((0, -0.05), (-0.05, -0.05))  # of a unit square

@@ -5,7 +5,7 @@ import elastoidentify as ei
 import numpy as np
 import pytest
 from elastoidentify.errors import InputError
-from elastoidentify.pushing import box_mesh, square_mesh
+from elastoidentify.fem.forward import box_mesh, square_mesh
 
 N_NODES, N_CELLS, PAD = 25, 32, 16  # the paper's square; the pad's cells come last
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from elastoidentify.kinematics import KINEMATICS
+from elastoidentify.fem.constitutive import KINEMATICS
 
 FINITE = [name for name, law in KINEMATICS.items() if not law.linear]
 both_dimensions = pytest.mark.parametrize("d", [2, 3])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from elastoidentify import paper
+from elastoidentify.examples import paper
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import elastoidentify as ei
 import numpy as np
 import pytest
 from bodies import body, floor_and_top, push_from_above, scattered_triangles
-from elastoidentify.front_qr import FrontQR
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.mesh import make_mesh
-from elastoidentify.system import BalanceSystem
-from elastoidentify.unknowns import make_unknowns
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.fem.mesh import make_mesh
+from elastoidentify.inverse.balance_system import BalanceSystem
+from elastoidentify.inverse.parameterization import make_unknowns
+from elastoidentify.linalg.front_qr import FrontQR
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -161,7 +161,7 @@ def test_more_known_cells_never_lose_another(method, seed, law):
 @few
 @given(young=st.floats(1e-3, 1e9), poisson=st.floats(-0.9, 0.499))
 def test_elastic_constants_survive_their_conversions(young, poisson):
-    from elastoidentify.materials import (
+    from elastoidentify.fem.elastic_constants import (
         admissible,
         lambda_from_plane_stress,
         lame_from_young,

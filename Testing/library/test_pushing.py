@@ -4,12 +4,12 @@ import bodies
 import numpy as np
 import pytest
 import skfem
-from elastoidentify.balance import internal_forces
 from elastoidentify.errors import Cancelled, InputError
-from elastoidentify.kinematics import KINEMATICS
-from elastoidentify.materials import lame_from_young, plane_stress_lambda
-from elastoidentify.mesh import make_mesh
-from elastoidentify.pushing import PATTERNS, box_mesh, solve_push, square_mesh
+from elastoidentify.fem.assembly import internal_forces
+from elastoidentify.fem.constitutive import KINEMATICS
+from elastoidentify.fem.elastic_constants import lame_from_young, plane_stress_lambda
+from elastoidentify.fem.forward import PATTERNS, box_mesh, solve_push, square_mesh
+from elastoidentify.fem.mesh import make_mesh
 from scipy.optimize import brentq
 from skfem.models.elasticity import linear_elasticity
 

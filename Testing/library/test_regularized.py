@@ -4,10 +4,10 @@ import elastoidentify as ei
 import forward
 import numpy as np
 import pytest
-from elastoidentify import methods
 from elastoidentify.errors import Cancelled
-from elastoidentify.materials import lame_from_young
-from elastoidentify.pushing import solve_push, square_mesh
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import solve_push, square_mesh
+from elastoidentify.inverse import methods
 
 # RMS of 2(E−Ê)/(E+Ê) that OpenQSEI reports for its problem, by displacement noise in % (L2)
 OPENQSEI = {0.3: 0.125, 1.7: 0.162, 3.5: 0.197, 5.3: 0.247, 7.1: 0.253, 9.0: 0.269, 10.9: 0.267}

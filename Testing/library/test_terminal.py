@@ -3,7 +3,7 @@
 import io
 
 import pytest
-from elastoidentify import terminal
+from elastoidentify.report import terminal
 
 
 class Screen(io.StringIO):

@@ -6,7 +6,7 @@ import pytest
 
 def write(path, image):
     """Write an Image as .vti."""
-    from elastoidentify.filters import convert
+    from elastoidentify.vtk_io import convert
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     writer = vtkXMLImageDataWriter()
@@ -19,8 +19,8 @@ def write(path, image):
 def test_images_to_stiffness_by_proxies_gives_the_librarys_numbers(script, tmp_path):
     pytest.importorskip("vtkmodules")
     pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install scikit-fem")
-    from elastoidentify.filters import convert
-    from elastoidentify.imaging.phantom import make_phantom
+    from elastoidentify.imaging.phantom.planar import make_phantom
+    from elastoidentify.vtk_io import convert
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
     phantom = make_phantom(pixels=96, elements=30, pushes=((0.0, 0.06), (0.04, 0.04)))

@@ -13,7 +13,7 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
-from elastoidentify.background import BackgroundJob, State  # noqa: E402
+from elastoidentify.workers.job import BackgroundJob, State  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import Request  # noqa: E402
 
@@ -23,8 +23,8 @@ BUSY = """
 import runpy, sys, time
 from elastoidentify import pipeline
 pipeline.make_mesh = lambda job, report: (report(0.5, "busy"), time.sleep(60))
-del sys.argv[1:3]  # -m elastoidentify.background
-runpy.run_module("elastoidentify.background", run_name="__main__")
+del sys.argv[1:3]  # -m elastoidentify.workers.job
+runpy.run_module("elastoidentify.workers.job", run_name="__main__")
 """
 
 

@@ -13,7 +13,7 @@ from elastoidentify import InputError, identify  # noqa: E402
 from elastoidentify.errors import Cancelled  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
-from elastoidentify.imaging.phantom import Inclusion, make_phantom  # noqa: E402
+from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
 from elastoidentify.pipeline import cell_blocks, run  # noqa: E402
 from ElastoIdentifyLib import images, outputs, sample  # noqa: E402
 from ElastoIdentifyLib.request import KNOWN, Material, Request  # noqa: E402

@@ -60,7 +60,7 @@ def imported_in_slicer():
         for name in listed_files()
         if name.endswith(".py")
         and not name.startswith("elastoidentify/paraview/")
-        and name != "elastoidentify/imaging/elastix_worker.py"
+        and name != "elastoidentify/workers/elastix_engine.py"
     ]
 
 

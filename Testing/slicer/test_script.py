@@ -8,7 +8,7 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
-from elastoidentify.imaging.phantom import Inclusion, make_phantom  # noqa: E402
+from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 
 import ElastoIdentify  # noqa: E402

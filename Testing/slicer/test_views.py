@@ -5,7 +5,7 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
-from elastoidentify.filters.convert import mesh_to_vtk  # noqa: E402
+from elastoidentify.vtk_io.convert import mesh_to_vtk  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.outputs import cube_helix  # noqa: E402
 from ElastoIdentifyLib.request import Request  # noqa: E402

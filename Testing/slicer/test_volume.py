@@ -7,11 +7,11 @@ slicer = pytest.importorskip("slicer")
 
 import vtk  # noqa: E402
 from elastoidentify import identify  # noqa: E402
+from elastoidentify.fem.elastic_constants import lame_from_young  # noqa: E402
+from elastoidentify.fem.forward import box_mesh, solve_push  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
-from elastoidentify.materials import lame_from_young  # noqa: E402
 from elastoidentify.pipeline import cell_blocks, make_mesh  # noqa: E402
-from elastoidentify.pushing import box_mesh, solve_push  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.request import KNOWN, RIGID, Material, Request  # noqa: E402
 from scipy import ndimage  # noqa: E402

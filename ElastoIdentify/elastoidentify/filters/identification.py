@@ -3,10 +3,9 @@
 import numpy as np
 
 from ..errors import InputError
-from ..kinematics import KINEMATICS
-from ..methods import METHODS
-from .base import Filter, Port
-from .convert import (
+from ..fem.constitutive import KINEMATICS
+from ..inverse.methods import METHODS
+from ..vtk_io.convert import (
     DISPLACEMENT,
     displacement_names,
     get_array,
@@ -20,6 +19,7 @@ from .convert import (
     to_json,
     vectors,
 )
+from .base import Filter, Port
 from .options import Choice, Flag, Number, Rows
 from .selection import Selection
 
@@ -151,7 +151,7 @@ class LameIdentification(Filter):
 
     def execute(self, meshes, progress):
         """Return the mesh with the result arrays."""
-        from ..identification import identify
+        from ..inverse.identify import identify
 
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         blocks, order = mesh_blocks(mesh)

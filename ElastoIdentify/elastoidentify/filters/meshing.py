@@ -5,8 +5,8 @@ import contextlib
 import numpy as np
 
 from ..errors import InputError
+from ..vtk_io.convert import image_from_vtk, mesh_to_vtk, set_array, set_text, slice_of_image
 from .base import Filter, Port
-from .convert import image_from_vtk, mesh_to_vtk, set_array, set_text, slice_of_image
 from .options import Choice, Flag, Number, Rows, Text
 from .selection import Selection
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ..kinematics import KINEMATICS
+from ..fem.constitutive import KINEMATICS
 from ..progress import part
+from ..vtk_io.convert import mesh_to_vtk, set_array, vectors
 from .base import Filter
-from .convert import mesh_to_vtk, set_array, vectors
 from .options import Choice, Number, Rows, Vector
 
 PAD, TISSUE, INCLUSION = 1, 2, 3
@@ -62,7 +62,7 @@ class PushingPhantom(Filter):
 
     def execute(self, progress):
         """Return the pushed mesh."""
-        from ..materials import lame_from_young
+        from ..fem.elastic_constants import lame_from_young
 
         points, cells = self._mesh()
         labels = self._labels(points[cells].mean(axis=1))
@@ -81,7 +81,7 @@ class PushingPhantom(Filter):
         return grid
 
     def _mesh(self):
-        from ..pushing import box_mesh, square_mesh
+        from ..fem.forward import box_mesh, square_mesh
 
         n, size = self.resolution, self.size
         if self.shape == "triangles":
@@ -99,7 +99,7 @@ class PushingPhantom(Filter):
 
     def _pushed(self, points, cells, lam, mu, held, progress):
         """Yield the displacement (n, d) of every trial, its noise included."""
-        from ..pushing import solve_push
+        from ..fem.forward import solve_push
 
         nodes, dimension = np.flatnonzero(held), points.shape[1]
         top = points[nodes, 1] > points[:, 1].mean()

@@ -3,8 +3,7 @@
 import numpy as np
 
 from ..errors import InputError
-from .base import Filter, Port
-from .convert import (
+from ..vtk_io.convert import (
     INFORMATION_COMPONENTS,
     displacement_names,
     image_from_vtk,
@@ -17,6 +16,7 @@ from .convert import (
     to_json,
     vectors,
 )
+from .base import Filter, Port
 from .options import Choice, File, Flag
 
 DISAGREEMENT = "Disagreement"
@@ -118,9 +118,9 @@ def displaced(mesh, rest, pushed, *, mask=None, **options):
     pushed : list of Image
     mask : Image, optional
     options
-        As of :func:`~elastoidentify.imaging.registration.register`.
+        As of :func:`~elastoidentify.imaging.registration.registration.register`.
     """
-    from ..imaging.registration import register
+    from ..imaging.registration.registration import register
 
     points = mesh_points(mesh)
     images = [rest, *pushed, mask]

@@ -4,9 +4,9 @@ import sys
 
 import elastoidentify as ei
 import numpy as np
-from elastoidentify.filters import convert
 from elastoidentify.imaging.meshing import mesh_segmentation
-from elastoidentify.imaging.registration import register
+from elastoidentify.imaging.registration.registration import register
+from elastoidentify.vtk_io import convert
 from paraview.simple import *  # noqa: F403
 
 folder, pad, young, poisson = sys.argv[1], int(sys.argv[2]), *map(float, sys.argv[3:5])

@@ -4,8 +4,8 @@ import sys
 
 import elastoidentify as ei
 import numpy as np
-from elastoidentify.filters import convert
 from elastoidentify.filters.identification import CELL_RESULTS
+from elastoidentify.vtk_io import convert
 from paraview.simple import *  # noqa: F403
 from vtkmodules.util.numpy_support import vtk_to_numpy
 

@@ -1,0 +1,1 @@
+"""Finite elements: cells, meshes, constitutive laws, assembly, the forward problem."""

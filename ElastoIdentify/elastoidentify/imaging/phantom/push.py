@@ -1,0 +1,261 @@
+"""The true push of a phantom: quadratic quadrilaterals on a fine grid, and the map it makes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse.linalg import splu
+
+from ...errors import InputError
+from ...progress import Progress, silent
+
+# Air beside the block carries the displacement on outward, so that pushed images can be rendered
+# there. A membrane a million times softer than the tissue does it without folding or pushing back.
+AIR_STIFFNESS = 1e-6
+
+Moduli = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """Displacement on a regular grid of the plane, interpolated by cubic splines.
+
+    Parameters
+    ----------
+    start, step : (2,) arrays
+        Position of the first grid point and distance of grid points, (x, y).
+    coefficients : (2, ny, nx) array
+        Spline coefficients of the displacement's x and y components.
+    """
+
+    start: np.ndarray
+    step: np.ndarray
+    coefficients: np.ndarray
+
+    @classmethod
+    def of_grid(cls, start, step, values) -> "Deformation":
+        """Interpolate displacements (2, ny, nx) given at the grid points."""
+        coefficients = [ndimage.spline_filter(v, 3, mode="nearest") for v in values]
+        return cls(np.asarray(start, float), np.asarray(step, float), np.array(coefficients))
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Return the displacement (n, 2) at points (n, 2); constant beyond the grid."""
+        samples = ((points - self.start) / self.step).T[::-1]
+        return np.stack(
+            [
+                ndimage.map_coordinates(c, samples, order=3, prefilter=False, mode="nearest")
+                for c in self.coefficients
+            ],
+            1,
+        )
+
+    def gradient(self, points: np.ndarray) -> np.ndarray:
+        """Return ∂u_a/∂x_b (n, 2, 2) by central differences of a tenth of a grid step."""
+        columns = []
+        for axis in range(2):
+            shift = np.zeros(2)
+            shift[axis] = 0.1 * self.step[axis]
+            columns.append((self(points + shift) - self(points - shift)) / (2 * shift[axis]))
+        return np.stack(columns, -1)
+
+    def inverse(self, points: np.ndarray, steps: int = 50) -> np.ndarray:
+        """Return the x (n, 2) with x + u(x) = `points`, by Newton steps of bounded length.
+
+        Raises
+        ------
+        InputError
+            The deformation folds: somewhere there is no such x.
+        """
+        limit, tolerance = 4 * self.step.min(), 1e-6 * self.step.min()
+        x = points - self(points)
+        left = np.arange(len(points))
+        for _ in range(steps):
+            error = points[left] - x[left] - self(x[left])
+            wrong = np.abs(error).max(1) > tolerance
+            left, error = left[wrong], error[wrong]
+            if not len(left):
+                return x
+            move = np.linalg.solve(np.eye(2) + self.gradient(x[left]), error[..., None])[..., 0]
+            length = np.abs(move).max(1, keepdims=True)
+            x[left] += move * np.minimum(1, limit / np.maximum(length, limit * 1e-9))
+        raise InputError(
+            f"the push folds the phantom at {len(left)} pixels: push less, or soften the inclusion"
+        )
+
+
+def solve_pushes(
+    width: float,
+    height: float,
+    margin: float,
+    moduli: Moduli,
+    pushes: np.ndarray,
+    *,
+    elements: int = 80,
+    kinematics: str = "small-strain",
+    progress: Progress | None = None,
+) -> list[Deformation]:
+    """Push a block that stands on a floor, in plane strain.
+
+    Parameters
+    ----------
+    width, height : float
+        The block covers 0…width × 0…height, y downwards; its upper edge follows the indenter, its
+        lower edge stays on the floor, its sides are free.
+    margin : float
+        Width of the air on both sides.
+    moduli : callable
+        ``young, poisson = moduli(x, y)``, any shape.
+    pushes : (t, 2)
+        Displacement of the indenter.
+    elements : int
+        Quadrilaterals across the width.
+    kinematics : "small-strain", "neo-hookean"
+        The latter is P = μ(F − F⁻ᵀ) + λ ln J F⁻ᵀ (Bonet & Wood, Nonlinear Continuum Mechanics for
+        Finite Element Analysis, 2nd ed., eq. 6.28), solved by Newton's method.
+
+    Returns
+    -------
+    list of Deformation
+        One per push.
+    """
+    try:
+        import skfem
+    except ImportError:
+        raise InputError("phantoms need scikit-fem: pip install 'elastoidentify[demo]'") from None
+    if kinematics not in ("small-strain", "neo-hookean"):
+        raise InputError(f"kinematics {kinematics!r}: give small-strain or neo-hookean")
+    progress = progress or silent
+
+    size = width / elements
+    rows, beside = max(round(height / size), 4), int(np.ceil(margin / size)) + 2
+    x = size * np.arange(-beside, elements + beside + 1)
+    y = height / rows * np.arange(rows + 1)
+    mesh = skfem.MeshQuad.init_tensor(x, y)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=4)
+    block = _Block(basis, width, moduli)
+
+    component = np.zeros(basis.N, int)
+    for dofs in (basis.nodal_dofs, basis.facet_dofs, basis.interior_dofs):
+        component[dofs] = np.arange(dofs.shape[0])[:, None] % 2
+    on_indenter, on_floor = (np.isclose(basis.doflocs[1], edge) for edge in (0.0, height))
+    free = np.flatnonzero(~(on_indenter | on_floor))
+    zero = np.zeros(basis.N)
+    progress(0.0, "factorising the phantom's stiffness")
+    stiffness = block.stiffness(zero)
+    solve = _factorised(stiffness, free)
+
+    column, row = (
+        np.rint((basis.doflocs.T - [x[0], 0]) / [size / 2, height / rows / 2]).astype(int).T
+    )
+    deformations = []
+    for trial, push in enumerate(pushes):
+        progress(0.4 + 0.6 * trial / len(pushes), f"pushing trial {trial + 1}")
+        u = np.where(on_indenter, np.asarray(push)[component], 0.0)
+        u[free] = -solve((stiffness @ u)[free])
+        if kinematics == "neo-hookean":
+            u = _newton(block, u, free)
+        grid = np.empty((2, 2 * len(y) - 1, 2 * len(x) - 1))
+        grid[component, row, column] = u
+        step = (size / 2, height / rows / 2)
+        deformations.append(Deformation.of_grid((x[0], 0.0), step, grid))
+    return deformations
+
+
+class _Block:
+    """Internal forces and tangent stiffness of a block with air beside it.
+
+    `u` are the degrees of freedom of the vector basis; for ``finite=False`` (small strain) the
+    tangent at u = 0 is all there is: both laws share it.
+    """
+
+    def __init__(self, basis, width: float, moduli: Moduli):
+        x, y = np.asarray(basis.global_coordinates())
+        young, poisson = moduli(x, y)
+        solid = (x > 0) & (x < width)
+        self.basis = basis
+        self.lam = np.where(solid, young * poisson / ((1 + poisson) * (1 - 2 * poisson)), 0.0)
+        self.mu = np.where(solid, young / (2 * (1 + poisson)), 0.0)
+        self.air = np.where(solid, 0.0, AIR_STIFFNESS * young.min())
+
+    def _fields(self, u) -> dict:
+        """Return moduli, F⁻¹ and ln J at the quadrature points."""
+        gradient = self.basis.interpolate(u).grad
+        f = gradient + np.eye(2)[:, :, None, None]
+        # in the air the law does not use F
+        jacobian = np.where(self.lam + self.mu > 0, f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0], 1.0)
+        if not (jacobian > 0).all():
+            raise InputError("the push turns the phantom inside out: push less")
+        inverse = np.array([[f[1, 1], -f[0, 1]], [-f[1, 0], f[0, 0]]]) / jacobian
+        return {
+            "gradient": gradient,
+            "inverse": inverse,
+            "log_j": np.log(jacobian),
+            "lam": self.lam,
+            "mu": self.mu,
+            "air": self.air,
+        }
+
+    def forces(self, u):
+        """Return the internal force of every degree of freedom: ∫ P(F) : ∇v."""
+        import skfem
+
+        @skfem.LinearForm
+        def balance(v, w):
+            stress = w.mu * (_identity(w.gradient) + w.gradient) + (
+                w.lam * w.log_j - w.mu
+            ) * np.swapaxes(w.inverse, 0, 1)
+            return _contract(stress + w.air * w.gradient, v.grad)
+
+        return balance.assemble(self.basis, **self._fields(u))
+
+    def stiffness(self, u):
+        """Return the tangent ∂forces/∂u as a sparse matrix."""
+        import skfem
+
+        @skfem.BilinearForm
+        def tangent(u, v, w):
+            inverse_du = _product(w.inverse, u.grad)
+            inverse_dv = _product(w.inverse, v.grad)
+            return (
+                (w.mu + w.air) * _contract(u.grad, v.grad)
+                + (w.mu - w.lam * w.log_j) * _contract(np.swapaxes(inverse_du, 0, 1), inverse_dv)
+                + w.lam
+                * (inverse_du[0, 0] + inverse_du[1, 1])
+                * (inverse_dv[0, 0] + inverse_dv[1, 1])
+            )
+
+        return tangent.assemble(self.basis, **self._fields(u))
+
+
+def _identity(like):
+    """Return the unit tensor in the layout of skfem's gradients (2, 2, cells, points)."""
+    return np.broadcast_to(np.eye(2)[:, :, None, None], np.shape(like))
+
+
+def _contract(a, b):
+    """Return a : b of tensors (2, 2, …)."""
+    return a[0, 0] * b[0, 0] + a[0, 1] * b[0, 1] + a[1, 0] * b[1, 0] + a[1, 1] * b[1, 1]
+
+
+def _product(a, b):
+    """Return a·b of tensors (2, 2, …)."""
+    return np.einsum("ik...,kj...->ij...", a, b)
+
+
+def _factorised(stiffness, free) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the solver of a symmetric sparse matrix restricted to `free`."""
+    matrix = stiffness.tocsc()[free][:, free]
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
+
+
+def _newton(block: _Block, u: np.ndarray, free: np.ndarray, steps: int = 20) -> np.ndarray:
+    """Bring the internal forces at the free degrees of freedom to zero, starting from `u`."""
+    scale = np.abs(block.forces(u)).max()
+    for _ in range(steps):
+        residual = block.forces(u)[free]
+        if np.abs(residual).max() < 1e-10 * scale:
+            return u
+        u = u.copy()
+        u[free] -= _factorised(block.stiffness(u), free)(residual)
+    raise InputError("the push of the neo-Hookean phantom did not converge: push less")

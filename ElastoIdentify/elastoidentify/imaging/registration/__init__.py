@@ -1,0 +1,5 @@
+"""From images to displacements: elastix, image correlation, the information of an image."""
+
+from .registration import Registration, on_grid_of, register
+
+__all__ = ["Registration", "on_grid_of", "register"]

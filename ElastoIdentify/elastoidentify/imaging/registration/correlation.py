@@ -1,0 +1,149 @@
+"""The second step of the measurement: one step of image correlation on the mesh itself.
+
+B-splines bend the displacement smoothly where the tissue does not, at the edge of a stiff inclusion
+say. What they miss there shows in the images: the pushed image, warped by the displacement that the
+mesh interpolates, still differs from the rest image. This difference corrects the nodes.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+from scipy import ndimage
+
+from ...fem.assembly import tangent_stiffness
+from ...fem.constitutive import SmallStrain
+from ...fem.elastic_constants import lame_from_young
+from ...fem.mesh import Mesh, make_mesh
+from .information import BLUR, fit_grey_values, signed_volumes, simplices, voxels_in_cells
+
+GAP = 1.0  # weight of the equilibrium gap over that of the images, as mean diagonals
+POISSON_RATIO = 0.45  # of the equilibrium gap; what 0.3 and 0.49 do: docs/registration.md
+DAMPING = 0.1  # share of the mean texture below which a node keeps the registration's displacement
+LONGEST_STEP = 1.0  # voxels
+
+
+def refine_displacement(
+    rest: np.ndarray,
+    pushed: np.ndarray,
+    points: np.ndarray,
+    cells: np.ndarray,
+    displacement: np.ndarray,
+    spacing: np.ndarray | None = None,
+) -> np.ndarray:
+    """Correct measured displacements by what the images still differ in.
+
+    One Gauss–Newton step of global digital image correlation with the mesh's linear shape functions
+    (Besnard, Hild & Roux 2006), regularised by the equilibrium gap ‖K (u + δ)‖² at the inner nodes
+    (Claire, Hild & Roux 2004)::
+
+        (M + αKᵀK + γ) δ = Σ N ∇f (f − g(x + u)) − αKᵀK u,     M = Σ N ∇f ∇fᵀ Nᵀ
+
+    K is the stiffness of a uniform body. Its weight is small: it calms neighbours that correct
+    each other to and fro, and gives way to an inclusion that nobody knows of.
+
+    Parameters
+    ----------
+    rest, pushed : (nj, ni) or (nk, nj, ni)
+    points : (n, d)
+        Continuous voxel indices, ordered i, j(, k).
+    cells : (m, k) int
+    displacement : (n, d)
+        In voxels, right to about a voxel.
+    spacing : (d,), optional
+        Voxel size along i, j(, k), in any unit; default: cubes.
+
+    Returns
+    -------
+    (n, d)
+        The corrected displacement in voxels.
+    """
+    dimension = rest.ndim
+    spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
+    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing)
+    scale = matrix.diagonal().mean()
+    if not scale > 0:  # images without texture
+        return displacement.copy()
+    u = (displacement * spacing).ravel()
+    gap = equilibrium_gap(simplex_mesh(points * spacing, cells))
+    if gap.nnz:
+        gap = gap * (GAP * scale / gap.diagonal().mean())
+    damped = (matrix + gap + DAMPING * scale * sp.identity(u.size)).tocsc()
+    step = spl.splu(damped, permc_spec="MMD_AT_PLUS_A").solve(force - gap @ u)
+    step = step.reshape(displacement.shape) / spacing
+    return displacement + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+
+
+def correlation_system(rest, pushed, points, cells, displacement, spacing):
+    """The matrix M and the right-hand side Σ N ∇f (f − g(x + u)) of a Gauss–Newton step.
+
+    Arguments as in :func:`refine_displacement`. Gradients per unit of `spacing`; unknowns ordered
+    node by node.
+
+    Returns
+    -------
+    matrix : csr_matrix, (n·d, n·d)
+    force : (n·d,)
+    """
+    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+    here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
+    there = here + np.einsum("va,vad->vd", weights, displacement[near])
+    first, second = (_value_and_gradient(*pair) for pair in ((rest, here), (pushed, there)))
+    gain, offset = fit_grey_values(first[0], second[0])
+    difference = first[0] - (gain * second[0] + offset)
+    gradient = (first[1:] + gain * second[1:]) / 2 / spacing[:, None]
+    shape = sp.csr_matrix(
+        (weights.ravel(), near.ravel(), np.arange(len(voxels) + 1) * near.shape[1]),
+        (len(voxels), len(points)),
+    )
+    force = np.stack([shape.T @ (one * difference) for one in gradient], 1).ravel()
+    return _correlation_matrix(shape, gradient), force
+
+
+def equilibrium_gap(mesh: Mesh) -> sp.csr_matrix:
+    """KᵀK of a uniform linear elastic body, with the rows of the inner nodes. Shape (n·d, n·d)."""
+    lam, mu = (np.full(mesh.n_cells, one) for one in lame_from_young(1.0, POISSON_RATIO))
+    stiffness = tangent_stiffness(mesh, SmallStrain(), np.zeros_like(mesh.points), lam, mu)
+    inner = np.flatnonzero(~mesh.boundary_nodes & (np.diff(mesh.node_cells.indptr) > 0))
+    rows = stiffness[(inner[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()]
+    return (rows.T @ rows).tocsr()
+
+
+def simplex_mesh(points: np.ndarray, cells: np.ndarray) -> Mesh:
+    """The triangles or tetrahedra that the shape functions live on, all turned the same way."""
+    corners = simplices(cells, points.shape[1])
+    size = signed_volumes(points, corners)
+    turned = corners[:, [1, 0, *range(2, corners.shape[1])]]
+    corners = np.where((size < 0)[:, None], turned, corners)
+    return make_mesh(points, corners[np.abs(size) > 1e-9 * np.abs(size).max()])
+
+
+def _correlation_matrix(shape: sp.csr_matrix, gradient: np.ndarray) -> sp.csr_matrix:
+    """M = Σ N ∇f ∇fᵀ Nᵀ over the voxels, unknowns ordered node by node. Shape (n·d, n·d)."""
+    dimension, nodes = len(gradient), shape.shape[1]
+    blocks = [[None] * dimension for _ in range(dimension)]
+    for a in range(dimension):
+        for b in range(a, dimension):
+            product = sp.diags(gradient[a] * gradient[b]) @ shape
+            blocks[a][b] = blocks[b][a] = shape.T @ product
+    by_node = np.arange(nodes * dimension).reshape(dimension, nodes).T.ravel()
+    return sp.bmat(blocks, format="csr")[by_node][:, by_node]
+
+
+def _value_and_gradient(image: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Slightly blurred value and its gradient per voxel along i, j(, k), (1 + d, v), at `where`."""
+    image, dimension = np.asarray(image, float), image.ndim
+    orders = [[0] * dimension]
+    orders += [
+        [int(axis == dimension - 1 - a) for axis in range(dimension)] for a in range(dimension)
+    ]
+    return np.stack(
+        [
+            ndimage.map_coordinates(
+                ndimage.gaussian_filter(image, BLUR, order=order),
+                where.T[::-1],
+                order=1 if any(order) else 3,
+                mode="nearest",
+            )
+            for order in orders
+        ]
+    )

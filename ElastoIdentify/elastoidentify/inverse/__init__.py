@@ -1,0 +1,1 @@
+"""The inverse problem: from displacements to moduli, and how far they can be trusted."""

@@ -1,0 +1,141 @@
+"""The balance equations of all trials as one linear system A θ = b."""
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fem.assembly import force_matrices, tangent_stiffness
+from ..fem.constitutive import Kinematics
+from ..fem.mesh import Mesh
+from .parameterization import Unknowns
+
+
+class BalanceSystem:
+    """Σ_{unknown cells} f = −Σ_{known cells} f at every free node that touches an unknown cell.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    law : Kinematics
+    displacements : (n_trials, n_nodes, d)
+    unknowns : Unknowns
+    reaction : (n_nodes,) bool
+        Nodes where an outside body may push: no equation.
+
+    Attributes
+    ----------
+    nodes : (n_eq_nodes,) int
+        The nodes that have equations.
+    A, b : csr_matrix (n_equations, n_params), (n_equations,)
+        Rows run over nodes, then trials, then components.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        law: Kinematics,
+        displacements: np.ndarray,
+        unknowns: Unknowns,
+        reaction: np.ndarray,
+    ):
+        self.mesh, self.law, self.unknowns = mesh, law, unknowns
+        self.displacements, self.reaction = displacements, reaction
+        self.n_trials = len(displacements)
+        touches = mesh.node_cells @ (~unknowns.known).astype(float) > 0
+        self.nodes = np.flatnonzero(touches & ~reaction)
+        self.A, self.b = self._assemble()
+
+    @property
+    def rows_per_node(self) -> int:
+        return self.n_trials * self.mesh.dim
+
+    @property
+    def dofs(self) -> np.ndarray:
+        """Degrees of freedom of the equations' nodes, (n_eq_nodes, d)."""
+        return self.nodes[:, None] * self.mesh.dim + np.arange(self.mesh.dim)
+
+    def _assemble(self):
+        blocks, right = [], []
+        rows = self.dofs.ravel()
+        for u in self.displacements:
+            per_lam, per_mu = force_matrices(self.mesh, self.law, u)
+            known = per_lam @ self.unknowns.lam_known + per_mu @ self.unknowns.mu_known
+            blocks.append((per_lam @ self.unknowns.lam + per_mu @ self.unknowns.mu).tocsr()[rows])
+            right.append(-known[rows])
+        order = self.by_node(np.arange(len(rows) * self.n_trials).reshape(self.n_trials, -1))
+        A = sp.vstack(blocks, format="csr")[order]
+        return A, np.concatenate(right)[order]
+
+    def by_node(self, per_trial: np.ndarray) -> np.ndarray:
+        """Order (n_trials, n_eq_nodes·d) values as the rows of A are ordered."""
+        d = self.mesh.dim
+        return per_trial.reshape(self.n_trials, -1, d).transpose(1, 0, 2).ravel()
+
+    def residual(self, theta: np.ndarray) -> np.ndarray:
+        """Return A θ − b, the force left over."""
+        return self.A @ theta - self.b
+
+    def stiffness_rows(self, theta: np.ndarray) -> list[sp.csr_matrix]:
+        """Return ∂(equations of a trial)/∂u for each trial, (n_eq_nodes·d, n_dofs).
+
+        A linear law has one matrix for all trials: the list then repeats it.
+        """
+        lam, mu = self.unknowns.moduli(theta)
+        rows = self.dofs.ravel()
+        trials = self.displacements[:1] if self.law.linear else self.displacements
+        K = [tangent_stiffness(self.mesh, self.law, u, lam, mu)[rows] for u in trials]
+        return K * self.n_trials if self.law.linear else K
+
+    def force_errors(self, theta: np.ndarray, errors: np.ndarray) -> np.ndarray:
+        """Return the change of A θ − b, (n_equations, m), for errors of the displacements.
+
+        Parameters
+        ----------
+        errors : (m, n_trials, n_nodes, d)
+        """
+        m = len(errors)
+        parts = [
+            K @ errors[:, t].reshape(m, -1).T for t, K in enumerate(self.stiffness_rows(theta))
+        ]
+        order = self.by_node(np.arange(len(self.b)).reshape(self.n_trials, -1))
+        return np.concatenate(parts)[order]
+
+    @cached_property
+    def node_groups(self) -> sp.csr_matrix:
+        """Incidence of equation nodes and groups: 1 where they meet. (n_eq_nodes, n_groups)."""
+        u = self.unknowns
+        cells = np.flatnonzero(~u.known)
+        membership = sp.csr_matrix(
+            (np.ones(len(cells)), (cells, u.group[cells])), (self.mesh.n_cells, u.n_groups)
+        )
+        incidence = (self.mesh.node_cells[self.nodes] @ membership).tocsr()
+        incidence.data[:] = 1
+        return incidence
+
+    @cached_property
+    def node_level(self) -> np.ndarray:
+        """Number of steps from the known cells to each equation node, −1 where none leads there.
+
+        Level 0 are the nodes that touch a known cell. (n_eq_nodes,) int
+        """
+        forced = (self.mesh.node_cells @ self.unknowns.known.astype(float))[self.nodes] > 0
+        level = np.where(forced, 0, -1)
+        N, Nt = self.node_groups, self.node_groups.T.tocsr()
+        front, depth = forced, 0
+        while front.any():
+            depth += 1
+            reached = (N @ ((Nt @ front.astype(float)) > 0).astype(float)) > 0
+            front = reached & (level < 0)
+            level[front] = depth
+        return level
+
+    @cached_property
+    def group_level(self) -> np.ndarray:
+        """Smallest level of a group's equation nodes, −1 where there is none. (n_groups,) int"""
+        far = np.iinfo(np.int64).max
+        level = np.where(self.node_level < 0, far, self.node_level)
+        lowest = np.full(self.unknowns.n_groups, far)
+        incidence = self.node_groups.tocoo()
+        np.minimum.at(lowest, incidence.col, level[incidence.row])
+        return np.where(lowest == far, -1, lowest)

@@ -1,0 +1,117 @@
+"""The identification methods by name. To add one, add a function Problem → Estimate here."""
+
+import numpy as np
+
+from ..fem.elastic_constants import NEGLIGIBLE_LAMBDA
+from ..linalg.front_qr import FrontQR
+from ..progress import Progress, part
+from .balance_system import BalanceSystem
+from .observations import propagate
+from .problem import Estimate, Problem, estimate_from_theta
+from .sequential import plan_walk
+
+# The walk is trusted as long as the typical error of μ that it predicts stays below this.
+TRUSTED_ERROR = 0.05
+MOST_LOST = 0.01  # share of the cells on its way that it may lose
+
+
+def _system(problem: Problem) -> BalanceSystem:
+    return BalanceSystem(
+        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction
+    )
+
+
+def sequential(problem: Problem, progress: Progress | None = None) -> Estimate:
+    """Walk from node to node, away from the known cells (source paper)."""
+    system = _system(problem)
+    walk = plan_walk(system, part(progress, 0, 0.8))
+    theta = walk.solve(system.b[:, None])[:, 0]
+    errors, scale, redundancy = propagate(system, problem.noise, theta, walk.solve)
+    per_group = problem.unknowns.per_group
+    size = np.abs(theta).reshape(-1, per_group)
+    # λ of a material like cork is zero, and then its error is measured by μ
+    size = np.maximum(size, NEGLIGIBLE_LAMBDA * size[:, -1:])
+    with np.errstate(invalid="ignore"):
+        lost = ~(np.sqrt((errors**2).mean(axis=1)).reshape(-1, per_group) < size)
+    # a cell whose error has outgrown its value takes along all that was found from it
+    theta[np.repeat(walk.spoiled(lost.any(axis=1)), per_group)] = np.nan
+    return estimate_from_theta(
+        problem, theta, errors, walk.order, method="sequential", noise_scale=scale,
+        redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),
+        steps=len(walk.steps),
+    )  # fmt: skip
+
+
+def global_(problem: Problem, progress: Progress | None = None) -> Estimate:
+    """Solve all balance equations by least squares; null space by a rank-revealing QR."""
+    system = _system(problem)
+    per_group = problem.unknowns.per_group
+    factor = FrontQR(
+        system.A,
+        system.b,
+        np.repeat(system.node_level, system.rows_per_node),
+        np.repeat(system.group_level, per_group),
+        part(progress, 0, 0.9),
+    )
+    theta = factor.solution()
+    free = factor.undetermined()
+    theta[free] = np.nan
+
+    def solve(right):
+        found = factor.pseudo_inverse(right)
+        found[free] = np.nan
+        return found
+
+    errors, scale, redundancy = propagate(system, problem.noise, theta, solve)
+    return estimate_from_theta(
+        problem, theta, errors, method="global", noise_scale=scale,
+        redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),
+        null_space=len(factor.dead), conditioning=factor.condition(),
+    )  # fmt: skip
+
+
+def regularized(problem: Problem, progress: Progress | None = None) -> Estimate:
+    """Fit displacements of elastic equilibrium, with a total variation prior."""
+    from .regularized import fit_displacements
+
+    return fit_displacements(problem, progress)
+
+
+def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
+    """Walk; where the walk's own propagated error forbids trust, go on to the regularized fit."""
+    walked = sequential(problem, part(progress, 0, 0.2))
+    cells = ~problem.unknowns.known & (walked.order >= 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = walked.mu_std[cells] / walked.mu[cells]
+    # given up on the way, or no stable material: then the others' own errors are not to be believed
+    error[~(error >= 0)] = np.inf
+    typical = float(np.median(error)) if error.size else np.inf
+    lost = float(np.mean(error >= 1)) if error.size else 1.0
+    if typical <= TRUSTED_ERROR and lost < MOST_LOST:
+        walked.report["auto"] = (
+            f"sequential: its propagated error of μ is {typical:.1e} of the value (median)"
+        )
+        return walked
+    estimate = regularized(problem, part(progress, 0.2, 1))
+    if np.isfinite(typical) and typical > TRUSTED_ERROR:
+        why = (
+            f"the sequential method's propagated error of μ is {typical:.1e} of the value "
+            f"(median), more than {TRUSTED_ERROR:g}"
+        )
+    elif error.size:
+        why = (
+            "the sequential method's propagated error of μ exceeds the value in "
+            f"{lost:.0%} of the cells"
+        )
+    else:
+        why = "the sequential method finds no node to start from"
+    estimate.report["auto"] = f"regularized: {why}"
+    return estimate
+
+
+METHODS = {
+    "auto": auto,
+    "sequential": sequential,
+    "global": global_,
+    "regularized": regularized,
+}

@@ -1,0 +1,141 @@
+"""The error of measured displacements: its metric, samples of it, and its size from the data."""
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fem.assembly import internal_forces, tangent_stiffness
+from .balance_system import BalanceSystem
+
+ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
+MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
+
+
+class DisplacementNoise:
+    """Gaussian errors of nodal displacements, independent between nodes and trials.
+
+    The covariance is scale² · C: C is the identity (`scale` is then a length) or the inverse of
+    the information given (`scale` is then a pure number, 1 if the information is right).
+
+    Parameters
+    ----------
+    displacements : (n_trials, n_nodes, d)
+    information : (n_trials, n_nodes, d, d), optional
+        Inverse covariance, 1/length². Directions without information are given a floor of 1e-6 of
+        the largest eigenvalue of their trial, which leaves them free in practice.
+    scale : float, optional
+        The scale where the user knows it.
+    """
+
+    def __init__(self, displacements, information=None, scale=None):
+        self.shape = displacements.shape
+        self.scale = scale
+        # rounding of the positions that displacements are differences of
+        self.round_off = 4 * np.finfo(float).eps * np.abs(displacements).max(initial=0.0)
+        self.information = None
+        if information is not None:
+            values, vectors = np.linalg.eigh(information)
+            largest = values.max(axis=(1, 2), keepdims=True)
+            values = np.maximum(values, 1e-6 * np.maximum(largest, np.finfo(float).tiny))
+            self.information = np.einsum("tnij,tnj,tnkj->tnik", vectors, values, vectors)
+            self.root = vectors / np.sqrt(values)[..., None, :]  # C = root rootᵀ
+            self.round_off *= np.sqrt(np.median(values))
+
+    def samples(self, m: int, seed: int = 0) -> np.ndarray:
+        """Return m errors of unit scale, (m, n_trials, n_nodes, d)."""
+        z = np.random.default_rng(seed).standard_normal((m, *self.shape))
+        return z if self.information is None else np.einsum("tnij,mtnj->mtni", self.root, z)
+
+    def covariances(self, trial: int) -> np.ndarray:
+        """Return C of a trial, (n_nodes, d, d)."""
+        if self.information is None:
+            _, n, d = self.shape
+            return np.broadcast_to(np.eye(d), (n, d, d))
+        root = self.root[trial]
+        return root @ np.swapaxes(root, -1, -2)
+
+
+def block_diagonal(blocks: np.ndarray) -> sp.csr_matrix:
+    """Return the (n·d, n·d) matrix that has blocks (n, d, d) on its diagonal."""
+    at = np.arange(len(blocks) + 1)
+    return sp.bsr_matrix((np.ascontiguousarray(blocks), at[:-1], at)).tocsr()
+
+
+def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> tuple[float, int]:
+    """Return the noise scale from nodes that touch known cells only, and how many equations say so.
+
+    There the force left over is K δu with K known: no unknown has been fitted to it, so that the
+    estimate holds however noisy the data are.
+    """
+    mesh, unknowns = system.mesh, system.unknowns
+    around = mesh.node_cells @ np.ones(mesh.n_cells)
+    known = mesh.node_cells @ unknowns.known.astype(float)
+    nodes = np.flatnonzero((around > 0) & (known == around) & ~system.reaction)
+    rows = (nodes[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()
+    lam, mu = unknowns.lam_known, unknowns.mu_known
+    ratios = []
+    for trial, u in enumerate(system.displacements):
+        force = internal_forces(mesh, system.law, u, lam, mu).ravel()[rows]
+        K = tangent_stiffness(mesh, system.law, u, lam, mu)[rows]
+        C = block_diagonal(noise.covariances(trial))
+        variance = np.asarray((K @ C).multiply(K).sum(axis=1)).ravel()
+        ratios.append(force**2 / variance)
+    ratios = np.concatenate(ratios)
+    return float(np.sqrt(ratios.mean())) if len(ratios) else np.nan, len(ratios)
+
+
+def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> tuple:
+    """Carry displacement errors through a linear solver of the balance equations.
+
+    To first order the error of θ solves A δθ = −K(θ) δu; `solve` is the method's own way from a
+    right-hand side to θ. The scale of the noise, where it is not given, follows from the nodes that
+    touch known cells only, or, where they are too few, from the equations that the method leaves
+    unsatisfied: the ratio of the residuals found to those that errors of unit scale would leave.
+
+    Parameters
+    ----------
+    theta : (n_params,)
+        The solution; parameters that are missing or far from plausible count as the flat guess.
+    solve : callable
+        (n_equations, m) → (n_params, m)
+
+    Returns
+    -------
+    errors : (n_params, m)
+        Samples of the error of θ.
+    scale : float
+    redundancy : int
+        Number of equations that the scale was estimated from.
+    """
+    m = 32 if system.unknowns.n_params < 40_000 else 8
+    plausible = _plausible(system.unknowns.flat_guess(), theta)
+    force = system.force_errors(plausible, noise.samples(m))
+    unit = solve(-force)
+    found = np.isfinite(theta) & np.isfinite(unit).all(axis=1)
+    covered = np.asarray(abs(system.A) @ (~found).astype(float)).ravel() == 0
+    left_unit = (force + system.A @ np.where(found[:, None], unit, 0))[covered]
+    left = system.residual(np.where(found, theta, 0))[covered]
+    # an equation that the method solves exactly tells nothing
+    size = np.sqrt((force[covered] ** 2).mean(axis=1))
+    variance = (left_unit**2).mean(axis=1)
+    tells = np.sqrt(variance) > 1e-3 * size
+    redundancy = int(tells.sum())
+    scale = noise.scale
+    if scale is None:
+        scale, among_known = scale_from_known_cells(system, noise)
+        if among_known >= ENOUGH_EQUATIONS:
+            redundancy = among_known
+        elif redundancy:
+            ratio = left[tells] ** 2 / variance[tells]
+            typical = np.median(ratio) / MEDIAN_CHI_SQUARED
+            # where errors have grown without bound, a mean would hear those equations only
+            # (m − 2)/m: the mean of 1/variance from m samples is too large by its inverse
+            mean = ratio.mean() * (m - 2) / m
+            scale = float(np.sqrt(mean if mean < 25 * typical else typical))
+        scale = max(scale, noise.round_off) if np.isfinite(scale) else noise.round_off
+    return unit * max(scale, noise.round_off), scale, redundancy
+
+
+def _plausible(flat, theta, factor=100.0):
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(theta) & (theta > flat / factor) & (theta < flat * factor)
+    return np.where(good, theta, flat)

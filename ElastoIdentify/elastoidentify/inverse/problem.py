@@ -1,0 +1,74 @@
+"""What a method is given and what it returns."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..fem.constitutive import Kinematics
+from ..fem.mesh import Mesh
+from .observations import DisplacementNoise
+from .parameterization import Unknowns
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One identification problem, checked, in the mesh's own dimension d."""
+
+    mesh: Mesh
+    law: Kinematics
+    displacements: np.ndarray  # (n_trials, n_nodes, d)
+    unknowns: Unknowns
+    reaction: np.ndarray  # (n_nodes,) bool
+    noise: DisplacementNoise
+    refine: int | None = None
+
+
+@dataclass
+class Estimate:
+    """What a method found. In plane stress λ stands for λ*.
+
+    Attributes
+    ----------
+    lam, mu : (n_cells,)
+        NaN where nothing was found.
+    lam_errors, mu_errors : (n_cells, m)
+        Samples of the error; their root mean square is the standard deviation.
+    order : (n_cells,) int
+        Step of the sequential method, −1 otherwise.
+    report : dict
+    warnings : list of str
+    """
+
+    lam: np.ndarray
+    mu: np.ndarray
+    lam_errors: np.ndarray
+    mu_errors: np.ndarray
+    order: np.ndarray
+    report: dict = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def lam_std(self):
+        return np.sqrt((self.lam_errors**2).mean(axis=1))
+
+    @property
+    def mu_std(self):
+        return np.sqrt((self.mu_errors**2).mean(axis=1))
+
+
+def estimate_from_theta(problem: Problem, theta, errors, order=None, **report) -> Estimate:
+    """Return the Estimate of parameters θ (NaN: not found) and samples of their error."""
+    unknowns = problem.unknowns
+    missing = ~np.isfinite(theta).reshape(-1, unknowns.per_group).all(axis=1)
+    theta = np.where(np.isfinite(theta), theta, 0)
+    lam, mu = unknowns.moduli(theta)
+    lam_errors, mu_errors = unknowns.lam @ errors, unknowns.mu @ errors
+    cells = ~unknowns.known
+    for array in (lam, mu, lam_errors, mu_errors):
+        part = array[cells]
+        part[missing[unknowns.group[cells]]] = np.nan
+        array[cells] = part
+    steps = np.full(len(lam), -1)
+    if order is not None:
+        steps[cells] = order[unknowns.group[cells]]
+    return Estimate(lam, mu, lam_errors, mu_errors, steps, report)

@@ -1,0 +1,1 @@
+"""Linear algebra that scipy lacks: ordered sparse factors, the front QR."""

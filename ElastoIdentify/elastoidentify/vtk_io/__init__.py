@@ -1,0 +1,1 @@
+"""Between arrays and VTK: meshes, images, files."""

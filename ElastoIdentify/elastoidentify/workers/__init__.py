@@ -1,0 +1,1 @@
+"""Processes in the background: a whole job, and elastix."""
