@@ -31,7 +31,7 @@ grep -v '^#' "$here/sources.txt" | while read -r name address commit; do
     copy=$folder/sources/$name
     [ ! -e "$copy/.git" ] || continue
     from=$address
-    for place in "$clones/$name" "$clones/$name.git" "$clones"/*+"$name/repo"; do
+    for place in "$clones/$name" "$clones/$name.git" "$clones"/*+"$name/repo" "$clones"/*+"${name,,}/repo"; do
         [ -z "$clones" ] || [ ! -d "$place" ] || from=$place
     done
     git clone --quiet --no-checkout "$from" "$copy"

@@ -43,6 +43,31 @@ if [ ! -e "$build/launcher/.complete" ]; then
     touch "$build/launcher/.complete"
 fi
 
+# ---- the wrappers of Qt's classes for Python, which Debian's PythonQt is built without
+
+if [ ! -e "$build/pythonqt/.complete" ]; then
+    mkdir -p "$build"/pythonqt/{generator,input}
+    (
+        cd "$build/pythonqt/generator"
+        qmake6 "$src/PythonQt/generator/generator.pro" CONFIG+=release
+        make -s -j "$jobs"
+        cd ../input
+        cp "$src"/PythonQt/generator/*.{xml,txt,h} .
+        # Only those that Slicer's own modules ask for.
+        others='sql|opengl|webkit|webenginewidgets|xmlpatterns|multimedia|qml|quick'
+        sed -i -E "/typesystem_($others)\.xml/d" build_all.txt
+        sed -i -E "/include <(Qt($others|MultimediaWidgets|QuickWidgets|OpenGLWidgets)\/|phonon)/Id" \
+            qtscript_masterinclude.h
+        ../generator/pythonqt_generator --output-directory="$build/pythonqt" \
+            qtscript_masterinclude.h build_all.txt
+    )
+    cmake -G Ninja -S "$here/pythonqt" -B "$build/pythonqt/library" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_CXX_FLAGS_RELEASE=-O0 -DCMAKE_CXX_COMPILER_LAUNCHER=ccache \
+        -DSOURCE="$src/PythonQt" -DGENERATED="$build/pythonqt/generated_cpp"
+    nice -n 19 ninja -C "$build/pythonqt/library" -j "$jobs"
+    touch "$build/pythonqt/.complete"
+fi
+
 # ---- Slicer
 
 # What the module needs and what its users have open beside it. Annotations belongs to Markups.
@@ -72,7 +97,8 @@ cmake "${common[@]}" -S "$src/Slicer" -B "$build/Slicer" "${options[@]/#/-DSlice
     -DSlicer_FORCED_REVISION=34000 -DSlicer_FORCED_WC_LAST_CHANGED_DATE=2026-08-21 \
     -DSlicer_WC_LAST_CHANGED_DATE=2026-08-21 \
     -DSlicerExecutionModel_DIR="$build/sem" -DCTKAppLauncherLib_DIR="$build/launcher" \
-    -DvtkAddon_SOURCE_DIR="$src/vtkAddon" -DvtkAddon_CMAKE_DIR="$src/vtkAddon/CMake" \
+    -DvtkAddon_WRAP_PYTHON=ON -DvtkAddon_SOURCE_DIR="$src/vtkAddon" \
+    -DvtkAddon_CMAKE_DIR="$src/vtkAddon/CMake" \
     -DQt6_DIR="$libraries/cmake/Qt6" -DCTK_DIR="$libraries/cmake/ctk" \
     -DTeem_DIR=/usr/lib/Teem-1.12.0 -DPythonQt_DIR="$here/cmake" \
     -DITKInternalEigen3_DIR="$libraries/cmake/ITK-5.4/Modules" \

@@ -17,7 +17,7 @@ mkdir -p "$HOME"
 # What the launcher would set.
 export SLICER_HOME=$slicer
 export PATH=/helpers:$slicer/bin:/usr/local/bin:/usr/bin:/bin
-export LD_LIBRARY_PATH=$slicer/bin:$modules/qt-loadable-modules:/build/sem/bin
+export LD_LIBRARY_PATH=/build/pythonqt/library:$slicer/bin:$modules/qt-loadable-modules:/build/sem/bin
 path=$slicer/bin:$slicer/bin/Python
 path+=:$modules/qt-loadable-modules:$modules/qt-loadable-modules/Python:$modules/qt-scripted-modules
 # CTK's wrapped libraries are in the folder of the libraries.

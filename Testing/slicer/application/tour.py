@@ -60,9 +60,8 @@ def photo(name):
 
 
 def button(parent, text):
-    found = [
-        b for b in slicer.util.findChildren(parent, className="QAbstractButton") if text in b.text
-    ]
+    found = slicer.util.findChildren(parent, text=f"*{text}*")
+    found = [one for one in found if one.inherits("QAbstractButton") and one.visible]
     if not found:
         raise AssertionError(f"no button says {text!r}")
     return found[0]
