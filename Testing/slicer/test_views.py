@@ -80,8 +80,13 @@ def test_cells_that_are_not_determined_are_seen_grey_in_both_views():
         status = slicer.util.arrayFromModelCellData(result.model, "Status")
         assert (status == 0).mean() > 0.1
         space.look(axes @ [0.2, -0.3, 1.0], axes[:, 1])
-        after, deep = flat.array().astype(int), space.array()
-    assert share_of(deep, np.array([140, 140, 140])) > 0.03
+        after, deep = flat.array().astype(int), space.array().astype(int)
+        result.model.GetDisplayNode().SetVisibility(False)
+        empty = space.array().astype(int)
+    # how many cells are open hangs on the mesh; whatever their share, they are seen
+    covered = (np.abs(deep - empty).max(axis=-1) > 4).mean()
+    grey = share_of(deep, np.array([140, 140, 140]))
+    assert grey / covered == pytest.approx((status == 0).mean(), rel=0.3)
     changed = np.abs(after - before).max(axis=-1) > 4
     grey = changed & (np.ptp(after, axis=-1) <= 2)
     coloured = np.ptp(after, axis=-1) > 8

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ..fem.constitutive import KINEMATICS
+from ..options import Choice, Number, Rows, Vector
 from ..progress import part
+from ..study import LAWS
 from ..vtk_io.convert import mesh_to_vtk, set_array, vectors
 from .base import Filter
-from .options import Choice, Number, Rows, Vector
 
 PAD, TISSUE, INCLUSION = 1, 2, 3
 
@@ -54,7 +54,7 @@ class PushingPhantom(Filter):
         ["x", "y", "z"],
         lengths=[2, 3],
     )
-    kinematics = Choice("small-strain", "Small strain, or a finite-strain law.", KINEMATICS)
+    kinematics = Choice("small-strain", "Small strain, or a finite-strain law.", LAWS)
     noise = Number(
         0.0, "Standard deviation of the noise on every displacement component (m).", minimum=0.0
     )

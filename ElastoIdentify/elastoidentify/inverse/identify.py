@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 
 from ..errors import InputError
 from ..fem.assembly import internal_forces
-from ..fem.constitutive import KINEMATICS
+from ..fem.constitutive import KINEMATICS, Kinematics
 from ..fem.elastic_constants import (
     NEGLIGIBLE_LAMBDA,
     admissible,
@@ -20,12 +20,12 @@ from ..fem.elastic_constants import (
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..progress import Progress, silent
+from ..results import Status
 from .methods import METHODS
 from .observations import DisplacementNoise
-from .parameterization import make_unknowns
+from .parameterization import Unknowns, make_unknowns
 from .problem import Problem
-
-STATUS_NOT_DETERMINED, STATUS_KNOWN, STATUS_IDENTIFIED, STATUS_OUT_OF_RANGE = range(4)
+from .statistics import CellErrors, cell_errors, label_statistics
 
 
 @dataclass
@@ -41,10 +41,17 @@ class IdentificationResult:
     poisson: np.ndarray
     lam_std: np.ndarray
     mu_std: np.ndarray
-    status: np.ndarray
+    young_std: np.ndarray
+    poisson_std: np.ndarray
+    status: np.ndarray  # codes of elastoidentify.results.Status
     sequence_order: np.ndarray
     residuals: np.ndarray  # (n_trials, n_nodes, dim of the points given)
     report: dict = field(default_factory=dict)  # JSON-ready; report["warnings"]: list of sentences
+
+    @property
+    def statistics(self) -> list[dict]:
+        """Figures per label, see :func:`~elastoidentify.inverse.statistics.label_statistics`."""
+        return self.report["labels"]
 
 
 def identify(
@@ -64,6 +71,8 @@ def identify(
     information: np.ndarray | None = None,
     noise: float | None = None,
     refine: int | None = None,
+    reference_label: int | None = None,
+    element: str = "locking-free",
     progress: Progress | None = None,
 ) -> IdentificationResult:
     """Identify λ and μ of every cell from the displacements of its nodes.
@@ -95,6 +104,11 @@ def identify(
         Standard deviation of a displacement component; estimated when not given.
     refine : int, optional
         1, 4 or 16: sub-cells per cell of the forward problem of the regularized method.
+    element : "locking-free", "linear"
+        Cells of the regularized method's forward problem: with the dilatation averaged over patches
+        of neighbours, right near incompressibility, or plain ones.
+    reference_label : int, optional
+        Label to which the ratios of ``result.statistics`` refer; the largest unknown one.
     progress : callable, optional
 
     Raises
@@ -104,23 +118,59 @@ def identify(
     """
     progress = progress or silent
     frame = _Frame(points, cells)
-    problem, labels = _problem(
-        frame, displacements, known, labels, reaction_nodes, kinematics, plane, unknowns,
-        poisson_ratio, grouping, information, noise, refine,
+    setting = _setting(
+        frame, known, labels=labels, reaction_nodes=reaction_nodes, method=method,
+        kinematics=kinematics, plane=plane, unknowns=unknowns, poisson_ratio=poisson_ratio,
+        grouping=grouping, noise=noise, refine=refine, reference_label=reference_label,
+        element=element,
     )  # fmt: skip
-    _choice("method", method, METHODS)
-    warnings = frame.notes + _check_trials(problem, method, unknowns, grouping)
+    problem, labels = _problem(frame, setting, displacements, information), setting.labels
+    warnings = frame.notes + _check_trials(problem, unknowns, grouping)
+    warnings += _check_equations(problem.mesh, setting, len(problem.displacements), method)
     progress(0.0, "force balance")
     estimate = METHODS[method](problem, progress)
-    result = _result(problem, estimate, plane == "stress", warnings)
+    result, errors = _result(problem, estimate, plane == "stress", warnings)
+    result.report["labels"] = label_statistics(
+        np.zeros(problem.mesh.n_cells, int) if labels is None else labels,
+        problem.mesh.volumes, result.status, result.lam, result.mu, errors, reference_label,
+    )  # fmt: skip
     result.residuals = frame.to_world(result.residuals)
     result.report |= {
         "kinematics": kinematics, "unknowns": unknowns, "grouping": grouping,
         "requested_method": method, "trials": len(problem.displacements),
-        "plane": plane if problem.mesh.dim == 2 else None,
+        "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
     }  # fmt: skip
     progress(1.0, "identified")
     return result
+
+
+def check_input(
+    points: np.ndarray,
+    cells: np.ndarray | Sequence[tuple[str, np.ndarray]],
+    known: Mapping[int, tuple[float, float]] | np.ndarray,
+    *,
+    n_trials: int,
+    **options,
+) -> None:
+    """Refuse, before any displacement is measured, what :func:`identify` would refuse.
+
+    Parameters
+    ----------
+    points, cells, known
+        As in :func:`identify`.
+    n_trials : int
+        How many displacements there will be.
+    **options
+        As in :func:`identify`.
+
+    Raises
+    ------
+    InputError
+    """
+    options = {"method": "auto", "labels": None, "reaction_nodes": None} | options
+    frame = _Frame(points, cells)
+    setting = _setting(frame, known, **options)
+    _check_equations(frame.mesh, setting, n_trials, options["method"])
 
 
 class _Frame:
@@ -233,15 +283,32 @@ def _choice(what, value, options):
         raise InputError(f"{what} {value!r} is unknown: choose one of {', '.join(options)}")
 
 
-def _problem(
-    frame, displacements, known, labels, reaction_nodes, kinematics, plane, unknowns,
-    poisson_ratio, grouping, information, noise, refine,
+@dataclass(frozen=True)
+class _Setting:
+    """All of a problem but its displacements."""
+
+    law: Kinematics
+    unknowns: Unknowns
+    reaction: np.ndarray  # (n_nodes,) bool
+    labels: np.ndarray | None
+    noise: float | None
+    refine: int | None
+    element: str
+
+
+def _setting(
+    frame, known, *, labels, reaction_nodes, method, kinematics="small-strain", plane="strain",
+    unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None, refine=None,
+    reference_label=None, element="locking-free",
 ):  # fmt: skip
+    """Check every choice; raise InputError for one that cannot be."""
     mesh = frame.mesh
+    _choice("method", method, METHODS)
     _choice("kinematics", kinematics, KINEMATICS)
     _choice("plane", plane, ("strain", "stress"))
     _choice("unknowns", unknowns, ("lambda-mu", "young"))
     _choice("grouping", grouping, ("cell", "label"))
+    _choice("element", element, ("locking-free", "linear"))
     plane_stress = plane == "stress" and mesh.dim == 2
     if plane_stress and kinematics != "small-strain":
         raise InputError(
@@ -252,13 +319,14 @@ def _problem(
         if poisson_ratio is None:
             raise InputError("unknowns 'young' need Poisson's ratio of the unknown cells")
         check_material(1.0, poisson_ratio, "the unknown cells")
-    u = _displacements(frame, displacements)
     if labels is not None:
         labels = np.asarray(labels)
         if labels.shape != (mesh.n_cells,):
             raise InputError(f"labels: {labels.shape} values for {mesh.n_cells} cells")
     elif grouping == "label":
         raise InputError("grouping by label needs the label of every cell")
+    if reference_label is not None and (labels is None or reference_label not in labels):
+        raise InputError(f"the reference label {reference_label} does not occur in the mesh")
     young, poisson = _known(known, labels, mesh.n_cells)
     made = make_unknowns(
         young, poisson, plane_stress=plane_stress,
@@ -274,15 +342,22 @@ def _problem(
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
     if refine not in (None, 1, 4, 16):
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
+    return _Setting(KINEMATICS[kinematics], made, reaction, labels, noise, refine, element)
+
+
+def _problem(frame, setting, displacements, information):
+    u = _displacements(frame, displacements)
     metric = _information(frame, information, u)
-    if metric is not None and noise is not None:
+    if metric is not None and setting.noise is not None:
         frame.notes.append(
             "the noise given was not used: the displacement information says how large the error "
             "of every displacement is, up to one factor, which is estimated"
         )
-    errors = DisplacementNoise(u, metric, noise if metric is None else None)
-    law = KINEMATICS[kinematics]
-    return Problem(mesh, law, u, made, reaction, errors, refine), labels
+    errors = DisplacementNoise(u, metric, setting.noise if metric is None else None)
+    return Problem(
+        frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine,
+        setting.element, setting.labels,
+    )  # fmt: skip
 
 
 def _displacements(frame, displacements):
@@ -365,8 +440,8 @@ def _information(frame, information, u):
     return metric
 
 
-def _check_trials(problem, method, unknowns, grouping):
-    """Warnings that the input alone calls for; too few equations for the exact methods raise."""
+def _check_trials(problem, unknowns, grouping):
+    """Return the warnings that the input alone calls for."""
     mesh, u, warnings = problem.mesh, problem.displacements, []
     flat = u.reshape(len(u), -1)
     flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
@@ -398,23 +473,29 @@ def _check_trials(problem, method, unknowns, grouping):
             f"displacement gradients reach {strain:.0%} and small-strain kinematics are good to "
             "about 2 %: if the bodies were really pushed this far, choose 'neo-hookean'"
         )
-    touched = (mesh.node_cells @ (~problem.unknowns.known).astype(float) > 0) & ~problem.reaction
-    equations = int(touched.sum()) * mesh.dim * len(u)
-    if equations < problem.unknowns.n_params:
-        sentence = (
-            f"there are fewer equations ({equations}: {touched.sum()} free nodes × {mesh.dim} "
-            f"components × {len(u)} trials) than unknowns ({problem.unknowns.n_params})"
-        )
-        if method != "regularized" and equations < 0.8 * problem.unknowns.n_params:
-            raise InputError(
-                f"{sentence}: add trials, choose unknowns 'young', group by label, or use method "
-                "'regularized'"
-            )
-        warnings.append(f"{sentence}: some cells cannot be determined from the data alone")
     return warnings
 
 
-def _result(problem, estimate, plane_stress, warnings):
+def _check_equations(mesh, setting, n_trials, method):
+    """Warn of fewer equations than unknowns; too few for the exact methods raise."""
+    unknowns = setting.unknowns
+    touched = (mesh.node_cells @ (~unknowns.known).astype(float) > 0) & ~setting.reaction
+    equations = int(touched.sum()) * mesh.dim * n_trials
+    if equations >= unknowns.n_params:
+        return []
+    sentence = (
+        f"there are fewer equations ({equations}: {touched.sum()} free nodes × {mesh.dim} "
+        f"components × {n_trials} trials) than unknowns ({unknowns.n_params})"
+    )
+    if method in ("sequential", "global") and equations < 0.8 * unknowns.n_params:
+        raise InputError(
+            f"{sentence}: add trials, choose unknowns 'young', group by label, or use method "
+            "'regularized'"
+        )
+    return [f"{sentence}: some cells cannot be determined from the data alone"]
+
+
+def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationResult, CellErrors]:
     lam, mu = estimate.lam.copy(), estimate.mu.copy()
     lam_errors, mu_errors = estimate.lam_errors, estimate.mu_errors
     known = problem.unknowns.known
@@ -426,34 +507,36 @@ def _result(problem, estimate, plane_stress, warnings):
                 - 2 * (lam**2 / gap**2)[:, None] * mu_errors
             )
         lam = lambda_from_plane_stress(lam, mu)
-    lam_std, mu_std = (np.sqrt((e**2).mean(axis=1)) for e in (lam_errors, mu_errors))
-    lam_std[known], mu_std[known] = 0.0, 0.0
-    status = np.full(len(mu), STATUS_IDENTIFIED, np.uint8)
-    status[~admissible(lam, mu)] = STATUS_OUT_OF_RANGE
+    errors = cell_errors(
+        lam, mu, *(np.where(known[:, None], 0.0, e) for e in (lam_errors, mu_errors))
+    )
+    lam_std, mu_std = errors.std("Lambda"), errors.std("Mu")
+    status = np.full(len(mu), Status.IDENTIFIED, np.uint8)
+    status[~admissible(lam, mu)] = Status.OUT_OF_RANGE
     with np.errstate(invalid="ignore"):
         lost = ~(np.isfinite(lam) & np.isfinite(mu) & (mu_std < np.abs(mu)))
         # λ of a material like cork is zero, and then its error is measured by μ
         lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
-    status[lost | ~_reached(problem)] = STATUS_NOT_DETERMINED
-    status[known] = STATUS_KNOWN
+    status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
+    status[known] = Status.KNOWN
     residuals = _residuals(problem, estimate)
-    none = status == STATUS_NOT_DETERMINED
+    none = status == Status.NOT_DETERMINED
     young, poisson = young_from_lame(lam, mu)
-    for array in (lam, mu, lam_std, mu_std, young, poisson):
+    young_std, poisson_std = errors.std("YoungModulus"), errors.std("PoissonRatio")
+    for array in (lam, mu, lam_std, mu_std, young, poisson, young_std, poisson_std):
         array[none] = np.nan
     order = np.where(none, -1, estimate.order).astype(np.int32)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = (mu_std / np.abs(mu))[~known & ~none]
     typical = float(np.median(error)) if error.size else None
     warnings = warnings + estimate.warnings + _found_warnings(status, known, typical)
-    counts = {
-        name: int((status == value).sum())
-        for value, name in enumerate(("not_determined", "known", "identified", "out_of_range"))
-    }
+    counts = {one.name.lower(): int((status == one).sum()) for one in Status}
     report = {**estimate.report, "cells": counts, "typical_error": typical, "warnings": warnings}
-    return IdentificationResult(
-        lam, mu, young, poisson, lam_std, mu_std, status, order, residuals, report
-    )
+    result = IdentificationResult(
+        lam, mu, young, poisson, lam_std, mu_std, young_std, poisson_std, status, order,
+        residuals, report,
+    )  # fmt: skip
+    return result, errors
 
 
 def _reached(problem):
@@ -474,8 +557,8 @@ def _reached(problem):
 
 def _found_warnings(status, known, typical):
     warnings, n = [], int((~known).sum())
-    lost = int((status == STATUS_NOT_DETERMINED).sum())
-    out = int((status == STATUS_OUT_OF_RANGE).sum())
+    lost = int((status == Status.NOT_DETERMINED).sum())
+    out = int((status == Status.OUT_OF_RANGE).sum())
     if lost:
         warnings.append(
             f"{lost} of {n} unknown cells are not determined by these data (Status 0, no value)"
