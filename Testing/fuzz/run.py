@@ -32,7 +32,7 @@ def read(sample: mutate.Sample, path: Path):
     """Read a file as the commands do, and use what was read."""
     from elastoidentify.imaging.io import read_image, read_segmentation
     from elastoidentify.imaging.registration import sources
-    from elastoidentify.vtk_io import checks, convert
+    from elastoidentify.vtk_io import arrays, checks, convert
     from elastoidentify.vtk_io.vtu import read_mesh
 
     nodes = np.array([[x, y, 0.0] for x in (1.0, 4, 7, 10) for y in (1.0, 4, 7, 10)])
@@ -43,9 +43,10 @@ def read(sample: mutate.Sample, path: Path):
         image, names = read_segmentation(path)
         return image.array.shape, float(np.nansum(image.array)), sorted(names.items())
     if sample.kind == "mesh":
-        grid, notes = checks.sound_mesh(read_mesh(path))
+        grid, _ = checks.sound_mesh(read_mesh(path))
         names = convert.displacement_names(grid)
-        notes += checks.displacement_notes(grid, names)
+        for name in names:
+            arrays.displacement_of(grid, name)
         checks.reaction_nodes(grid)
         checks.information(grid, names)
         return convert.mesh_points(grid).sum(), convert.get_text(grid, "IdentificationReport")

@@ -21,15 +21,12 @@ from .convert import (
     mesh_points,
     mesh_to_vtk,
     set_array,
-    vectors,
 )
 
 GHOSTS = "vtkGhostType"
 DUPLICATE, HIDDEN = 1, 32  # bits of vtkGhostType of a cell that is another process' or blanked
 NEAR_WHOLE = 1e-3
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
-SMALL_PUSH = 1e-4  # of the mesh's size
-ROUGH = 0.5
 
 
 def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
@@ -156,62 +153,6 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
             )
         found.append(full)
     return np.stack(found)
-
-
-def displacement(grid: vtkUnstructuredGrid, name: str) -> np.ndarray:
-    """Return the point array `name` as vectors (n_nodes, 3), or raise InputError if it has none."""
-    values = get_array(grid.GetPointData(), name).astype(float)
-    if values.ndim != 2 or values.shape[1] not in (2, 3):
-        raise InputError(f"the point array {name!r} holds no vectors: it cannot be a displacement")
-    return vectors(values)
-
-
-def displacement_notes(grid: vtkUnstructuredGrid, trials: list[str]) -> list[str]:
-    """Return sentences on displacements that hardly belong to this mesh.
-
-    Raises
-    ------
-    InputError
-        They differ by more than the size of the mesh: another unit of length.
-    """
-    blocks, _ = mesh_blocks(grid)
-    points, ends = mesh_points(grid), soundness.edges(blocks)
-    used = np.unique(ends)
-    size = float(np.linalg.norm(np.ptp(points[used], axis=0)))
-    notes = []
-    for name in trials:
-        u = displacement(grid, name)
-        if not np.isfinite(u[used]).all():
-            continue  # the identification names the node
-        notes += unit_notes(u[used], size, f"the displacements {name!r}")
-        rough, back = soundness.roughness(u, ends), soundness.roughness(u[::-1], ends)
-        if back < 0.3 * rough and rough > 0.05:
-            notes.append(
-                f"The displacements {name!r} would be much smoother in the reverse order of the "
-                "nodes: are they those of this mesh?"
-            )
-        elif rough > ROUGH and len(used) > 20:
-            notes.append(
-                f"The displacements {name!r} jump from node to node as if in another order than "
-                "the nodes: are they those of this mesh?"
-            )
-    return notes
-
-
-def unit_notes(u: np.ndarray, size: float, what: str) -> list[str]:
-    """Compare displacements (n, 3) with the size of their mesh; see :func:`displacement_notes`."""
-    spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
-    if spread > size > 0:
-        raise InputError(
-            f"{what} differ by up to {spread:.3g} on a mesh of size {size:.3g}: bring both to one "
-            "unit of length (mm and m?), or give displacements, not positions"
-        )
-    if 0 < spread < SMALL_PUSH * size:
-        return [
-            f"{what[0].upper()}{what[1:]} differ by {spread:.2g} only on a mesh of size "
-            f"{size:.3g}: are both in one unit of length?"
-        ]
-    return []
 
 
 # ---- mending

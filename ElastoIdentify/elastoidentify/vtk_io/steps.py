@@ -18,7 +18,7 @@ from .arrays import (
     write_provenance,
     write_registration,
 )
-from .checks import cell_labels, displacement_notes, information, reaction_nodes, sound_mesh
+from .checks import cell_labels, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
 
 
@@ -57,7 +57,6 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "further trial"
         )
     displacements = np.stack([displacement_of(mesh, name) for name in trials])
-    notes += displacement_notes(mesh, trials)
     labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
