@@ -27,6 +27,7 @@ GHOSTS = "vtkGhostType"
 DUPLICATE, HIDDEN = 1, 32  # bits of vtkGhostType of a cell that is another process' or blanked
 NEAR_WHOLE = 1e-3
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
+ABSURD = 1e100  # no coordinate: its square would be no number
 
 
 def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
