@@ -345,3 +345,16 @@ def test_a_full_disk_is_found_before_the_work_and_in_words(tmp_path, monkeypatch
     with pytest.raises(InputError, match="No space left on device"):
         check_outputs({"--output": tmp_path / "map.vtu"})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up_while_writing_is_said_in_words(tmp_path, monkeypatch):
+    def half(image, path, compress):
+        with open(path, "w") as part:
+            part.write("half of it")
+        raise RuntimeError("[nrrd] _nrrdGzWrite: failed")
+
+    monkeypatch.setattr(sitk, "WriteImage", half)
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: type("Usage", (), {"free": 0}))
+    with pytest.raises(InputError, match="No space left on device"):
+        write_ours(tmp_path / "image.nrrd", Image(values()))
+    assert list(tmp_path.iterdir()) == []
