@@ -17,7 +17,7 @@ from .arrays import (
     write_provenance,
     write_registration,
 )
-from .checks import cell_labels, information, reaction_nodes, sound_mesh
+from .checks import cell_labels, check_unit, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
 
 
@@ -56,6 +56,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "further trial"
         )
     displacements = np.stack([displacement_of(mesh, name) for name in trials])
+    check_unit(mesh, displacements, trials)
     labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
