@@ -28,6 +28,7 @@ from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
 from .problem import Problem
 from .statistics import CellErrors, cell_errors, label_statistics
+from .verdict import judge, one_direction
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
 FEW_EQUATIONS = 4  # of which not even a factor of ten can be read
@@ -67,6 +68,7 @@ def identify(
     *,
     labels: np.ndarray | None = None,
     reaction_nodes: np.ndarray | None = None,
+    outer_border: np.ndarray | None = None,
     method: str = "auto",
     kinematics: str = "small-strain",
     plane: str = "strain",
@@ -98,6 +100,9 @@ def identify(
         Label of each cell; needed for known-by-label and for ``grouping="label"``.
     reaction_nodes : (n_nodes,) bool, optional
         True where an outside body may push: no balance equation there.
+    outer_border : (n_nodes,) bool, optional
+        True for the nodes of the body's own border. Where the mesh ends and this is False it was
+        cut (by Clip, say): what lies beyond may push, so those nodes count as reaction nodes.
     method : "auto", "sequential", "global", "regularized"
     kinematics : "small-strain", "st-venant-kirchhoff", "neo-hookean"
     plane : "strain", "stress" (2-D only)
@@ -126,7 +131,8 @@ def identify(
     u = border.displacements(frame, displacements)
     frame.close_seams(u)
     setting = _setting(
-        frame, known, labels=labels, reaction_nodes=reaction_nodes, method=method,
+        frame, known, labels=labels, reaction_nodes=reaction_nodes, outer_border=outer_border,
+        method=method,
         kinematics=kinematics, plane=plane, unknowns=unknowns, poisson_ratio=poisson_ratio,
         grouping=grouping, noise=noise, refine=refine, reference_label=reference_label,
         element=element,
@@ -163,6 +169,9 @@ def identify(
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(),
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
     }  # fmt: skip
+    result.report["verdict"] = judge(
+        result.report, problem.noise.information is not None, one_direction(problem.displacements)
+    )
     progress(1.0, "identified")
     return result
 
@@ -190,9 +199,17 @@ def check_input(
     ------
     InputError
     """
-    options = {"method": "auto", "labels": None, "reaction_nodes": None} | options
+    options = {
+        "method": "auto", "labels": None, "reaction_nodes": None, "outer_border": None
+    } | options  # fmt: skip
     frame = Frame(points, cells)
     setting = _setting(frame, known, **options)
+    if not setting.reaction.any():
+        raise InputError(
+            "nothing touches the body: no node is at a rigid label, in a reaction box or at the "
+            "image's border, so nothing can push it; name the indenter and the floor as rigid "
+            "labels, or draw reaction boxes where they touch"
+        )
     _check_equations(frame.mesh, setting, n_trials, options["method"])
 
 
@@ -211,9 +228,9 @@ class _Setting:
 
 
 def _setting(
-    frame, known, *, labels, reaction_nodes, method, kinematics="small-strain", plane="strain",
-    unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None, refine=None,
-    reference_label=None, element="locking-free",
+    frame, known, *, labels, reaction_nodes, outer_border, method, kinematics="small-strain",
+    plane="strain", unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None,
+    refine=None, reference_label=None, element="locking-free",
 ):  # fmt: skip
     """Check every choice; raise InputError for one that cannot be."""
     mesh = frame.mesh
@@ -248,6 +265,7 @@ def _setting(
         )  # fmt: skip
 
     reaction = frame.anywhere(border.reaction_nodes(reaction_nodes, frame.n_given))
+    reaction |= _cut_nodes(frame, outer_border, reaction)
     if noise is not None and not (np.isfinite(noise) and noise > 0):
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
     if refine not in (None, 1, 4, 16):
@@ -256,6 +274,25 @@ def _setting(
     return _Setting(
         KINEMATICS[kinematics], made, unknowns_of, reaction, labels, noise, refine, element
     )
+
+
+def _cut_nodes(frame, outer_border, reaction):
+    """Tell where the mesh ends though the body goes on. (n_nodes,) bool"""
+    mesh = frame.mesh
+    if outer_border is None:
+        return np.zeros(mesh.n_nodes, bool)
+    outer_border = np.asarray(outer_border).astype(bool)
+    if outer_border.shape != (frame.n_given,):
+        raise InputError(f"outer border: {outer_border.shape} values for {frame.n_given} nodes")
+    outer_border = frame.anywhere(outer_border)
+    cut = mesh.boundary_nodes & ~outer_border & ~reaction
+    if cut.any():
+        frame.notes.append(
+            f"the mesh was cut: at {np.count_nonzero(cut)} of its border nodes the body goes on; "
+            "what lies beyond may push there, so no force balance is asked of them. Cells at the "
+            "cut are less certain; identify the whole mesh and cut the map afterwards"
+        )
+    return cut
 
 
 def _problem(frame, setting, u, metric, trials):
@@ -350,9 +387,7 @@ def _check_noise(problem, estimate):
 def _check_trials(problem, unknowns, grouping):
     """Return the warnings that the input alone calls for."""
     mesh, u, warnings = problem.mesh, problem.displacements, []
-    flat = u.reshape(len(u), -1)
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    if len(u) > 1 and np.linalg.svd(flat, compute_uv=False)[-1] < 1e-2:
+    if len(u) > 1 and one_direction(u):
         warnings.append(
             "the trials are (nearly) proportional to each other and count as fewer: push in "
             "different directions"
@@ -362,13 +397,6 @@ def _check_trials(problem, unknowns, grouping):
         warnings.append(
             f"{len(u)} trials in 3-D leave λ and μ of single cells undetermined in places: use "
             "four or more, or unknowns 'young'"
-        )
-    known = ~np.isnan(problem.unknowns.lam_known) & problem.unknowns.known
-    lam, mu = problem.unknowns.lam_known[known], problem.unknowns.mu_known[known]
-    if unknowns == "lambda-mu" and np.median(lam / (2 * (lam + mu))) > 0.45:
-        warnings.append(
-            "ν of the known material is near 0.5, where λ is barely visible in displacements: "
-            "unknowns 'young' with a fixed ν are better determined"
         )
     strain = max(
         float(np.quantile(np.abs(block.gradient(v)).max(axis=(1, 2, 3)), 0.9))

@@ -130,7 +130,8 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     """
     points = grid.GetPointData()
     names = [information_name(name) for name in trials]
-    if not all(n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)):
+    given = [n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)]
+    if not given or not all(given):
         return None
     found = []
     for name in names:

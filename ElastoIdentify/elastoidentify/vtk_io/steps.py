@@ -11,6 +11,7 @@ from ..provenance import provenance
 from .arrays import (
     displacement_of,
     known_of,
+    outer_border_of,
     trials_of,
     write_identification,
     write_label_mesh,
@@ -66,6 +67,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         known=known_of(mesh, order, pipeline.known_by_label(options)),
         labels=None if labels is None else labels[order],
         reaction_nodes=reaction_nodes(mesh),
+        outer_border=outer_border_of(mesh),
         information=information(mesh, trials),
         progress=progress,
     )

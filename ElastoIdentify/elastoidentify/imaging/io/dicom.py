@@ -21,7 +21,7 @@ import numpy as np
 from ...errors import InputError
 from ...installation import needs
 from ..image import Image
-from .damage import Damaged, damaged
+from .damage import Damaged, damaged, heard
 from .itk import grey, simpleitk
 from .stack import Frame, orientation_name, same_place, stack
 
@@ -565,7 +565,8 @@ def _by_gdcm(path: Path, data) -> np.ndarray:
         name = Path(folder) / "pixels.dcm"
         bare.save_as(name, enforce_file_format=True)
         try:
-            array = sitk.GetArrayFromImage(sitk.ReadImage(str(name)))
+            with heard():
+                array = sitk.GetArrayFromImage(sitk.ReadImage(str(name)))
         except RuntimeError:
             syntax = data.file_meta.TransferSyntaxUID.name
             raise Damaged(

@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...installation import needs
 from . import nifti, pictures, text_headers
+from .damage import damaged, heard
 from .writing import last_line
 
 MAGIC = {
@@ -98,9 +99,12 @@ def read_voxels(path: Path) -> Voxels:
     _refuse_dimensions(path, header, fields)
     with nifti.alone(path, header) if header else nullcontext(path) as name:
         try:
-            image = sitk.ReadImage(str(name))
-        except RuntimeError as error:
+            with heard() as said:
+                image = sitk.ReadImage(str(name))
+        except (RuntimeError, UnicodeError, MemoryError) as error:
             raise _refusal(path, error, kind) from None
+    if kind == "jpeg" and said:
+        raise damaged(path, said[0][:80])
     voxels = _voxels(sitk, image, path)
     voxels.fields = fields
     voxels.notes = notes + voxels.notes
@@ -198,6 +202,8 @@ def _voxels(sitk, image, path: Path) -> Voxels:
     axes[:used, :used] = direction
     if not np.isfinite([*origin, *spacing, *axes.ravel()]).all() or (spacing <= 0).any():
         raise InputError(f"{path}: its origin or voxel size is no number; repair its header")
+    if abs(np.linalg.det(axes)) < 1e-6:
+        raise InputError(f"{path}: its axes lie in one plane; repair the directions in its header")
     return Voxels(array, origin, spacing, axes, planar=dimension == 2)
 
 

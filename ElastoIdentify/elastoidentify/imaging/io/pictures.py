@@ -64,7 +64,7 @@ def check_tiff(path: Path) -> tuple[tuple[float, float, float] | None, list[str]
     try:
         with open(path, "rb") as stream:
             pages = _pages(path, stream, size)
-    except (struct.error, OverflowError, MemoryError, KeyError):
+    except (struct.error, OverflowError, MemoryError, KeyError, TypeError):
         raise damaged(path, "its tags do not make sense") from None
     pages = [page for page in pages if not (page.get(254, 0) or 0) & 1]  # reduced copies
     if not pages:
@@ -72,6 +72,9 @@ def check_tiff(path: Path) -> tuple[tuple[float, float, float] | None, list[str]
     if len({page.size for page in pages}) > 1:
         raise InputError(f"{path}: has pictures of several sizes; save one picture, or one stack")
     first = pages[0]
+    numbers = [value for tag in (258, 262, 277, 282, 283, 296) for value in first.tags.get(tag, ())]
+    if not all(isinstance(value, int | float) for value in numbers):
+        raise damaged(path, "its tags do not make sense")
     bits = max(first.tags.get(258, (1,)))
     if 322 in first.tags and bits > 8:
         raise InputError(
