@@ -129,6 +129,8 @@ def test_displacements_in_another_unit_are_refused():
     checks.check_unit(grid, np.full_like(u[None], np.nan), ["Displacement_1"])  # a lost trial
     with pytest.raises(InputError, match=r"Displacement_1.*unit of length"):
         checks.check_unit(grid, 1000 * u[None], ["Displacement_1"])
+    no_weight = np.zeros((1, len(u), 3, 3))
+    checks.check_unit(grid, 1000 * u[None], ["Displacement_1"], no_weight)
 
 
 def test_triangles_called_tetrahedra_are_refused_not_read_beyond_the_end(tmp_path):

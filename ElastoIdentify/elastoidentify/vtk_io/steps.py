@@ -57,7 +57,8 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "further trial"
         )
     displacements = np.stack([displacement_of(mesh, name) for name in trials])
-    check_unit(mesh, displacements, trials)
+    weights = information(mesh, trials)
+    check_unit(mesh, displacements, trials, weights)
     labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
@@ -68,7 +69,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         labels=None if labels is None else labels[order],
         reaction_nodes=reaction_nodes(mesh),
         outer_border=outer_border_of(mesh),
-        information=information(mesh, trials),
+        information=weights,
         progress=progress,
     )
     result.report["warnings"] = notes + result.report["warnings"]
