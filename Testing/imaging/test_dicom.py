@@ -270,10 +270,14 @@ def test_bits_beyond_the_stored_ones_are_no_grey_values(tmp_path):
     assert np.array_equal(read_image(tmp_path).array, values & 0x0FFF)
 
 
-@pytest.mark.parametrize("compressor", ["JPEG", "JPEG2000", "JPEGLS"])
-def test_compressed_pixels_are_those_before(tmp_path, compressor):
-    values = volume(1, 32, 32)
+@pytest.mark.parametrize("compressor", ["JPEG", "JPEG2000"])
+@pytest.mark.parametrize("kind", ["one", "multi-frame", "grey as colours"])
+def test_compressed_pixels_are_those_before(tmp_path, compressor, kind):
+    values = volume(1 if kind == "one" else 5, 32, 32)
     image = sitk.GetImageFromArray(values)
+    if kind == "grey as colours":
+        values = values[:1].astype(np.uint8)
+        image = sitk.GetImageFromArray(np.repeat(values[..., None], 3, axis=-1), isVector=True)
     image.SetSpacing((0.5, 0.7, 2.0))
     writer = sitk.ImageFileWriter()
     writer.SetFileName(str(tmp_path / "one.dcm"))
@@ -377,6 +381,22 @@ def test_frames_of_a_plain_file_with_a_step_are_a_volume(tmp_path):
     save(data, tmp_path / "one.dcm")
     positions = np.array([[1, 2, 3 + 2.5 * k] for k in range(6)])
     assert_grid(read_image(tmp_path / "one.dcm"), values, positions, AXIAL)
+
+
+def test_an_enhanced_ultrasound_volume_is_where_its_frames_say(tmp_path):
+    def renamed(data):
+        shared = data.SharedFunctionalGroupsSequence[0]
+        turn = shared.PlaneOrientationSequence[0].ImageOrientationPatient
+        del shared.PlaneOrientationSequence
+        shared.PlaneOrientationVolumeSequence = [item(ImageOrientationVolume=turn)]
+        for group in data.PerFrameFunctionalGroupsSequence:
+            place = group.PlanePositionSequence[0].ImagePositionPatient
+            del group.PlanePositionSequence
+            group.PlanePositionVolumeSequence = [item(ImagePositionVolume=place)]
+
+    values = volume()
+    positions = enhanced(tmp_path / "us.dcm", values, edit=renamed)
+    assert_grid(read_image(tmp_path / "us.dcm"), values, positions, AXIAL)
 
 
 def test_a_film_is_no_volume_and_a_frame_of_it_can_be_chosen(tmp_path):

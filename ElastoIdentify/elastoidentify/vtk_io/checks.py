@@ -27,6 +27,7 @@ GHOSTS = "vtkGhostType"
 DUPLICATE, HIDDEN = 1, 32  # bits of vtkGhostType of a cell that is another process' or blanked
 NEAR_WHOLE = 1e-3
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
+ABSURD = 1e100  # no coordinate: its square would be no number
 
 
 def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
@@ -46,8 +47,11 @@ def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str
     if len({CELL_TYPES[kind].dim for kind, _ in blocks}) > 1:
         raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
     points = mesh_points(grid)
-    if not np.isfinite(points[np.concatenate([nodes.ravel() for _, nodes in blocks])]).all():
-        raise InputError("the position of a node is not a finite number: repair the mesh")
+    corners = points[np.concatenate([nodes.ravel() for _, nodes in blocks])]
+    if not (np.abs(corners) < ABSURD).all():
+        raise InputError(
+            "the position of a node is not a number, or absurdly large: repair the mesh"
+        )
     first = soundness.coincident(points, blocks)
     doubled = first != np.arange(len(points))
     if doubled.any():

@@ -132,7 +132,8 @@ def displacement_from_transform(
     if dimension not in (2, 3):
         raise InputError(f"{path}: a transform of {dimension} dimensions; 2 or 3 are needed")
     found, covered = np.zeros_like(points), np.ones(len(points), bool)
-    parts = [(part, _grid(part, path)) for part in _parts(transform)]
+    with heard():
+        parts = [(part, _grid(part, path)) for part in _parts(transform)]
     for start in range(0, len(points), _CHUNK):
         progress(start / len(points), "evaluating the transform")
         here = points[start : start + _CHUNK, :dimension]
