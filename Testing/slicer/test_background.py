@@ -23,7 +23,7 @@ BUSY = """
 import runpy, sys, time
 from elastoidentify import pipeline
 pipeline.make_mesh = lambda job, report: (report(0.5, "busy"), time.sleep(60))
-del sys.argv[1:3]  # -m elastoidentify.workers.job
+del sys.argv[1:3]  # -c and the code
 runpy.run_module("elastoidentify.workers.job", run_name="__main__")
 """
 

@@ -2,7 +2,7 @@
 
 The forward problem uses the same balance as identification does, so its displacements are exact
 data for it. Claims about noise and images need data from a finer mesh and another element type:
-those come from :mod:`elastoidentify.imaging.phantom.planar`.
+those come from :mod:`elastoidentify.imaging.phantom`.
 """
 
 from collections.abc import Sequence

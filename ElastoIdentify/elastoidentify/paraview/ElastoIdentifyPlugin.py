@@ -24,6 +24,7 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from elastoidentify import filters
 from elastoidentify.paraview import display, failures, panel
+from elastoidentify.vtk_io.arrays import label_table
 
 paraview_plugin_name = "ElastoIdentify"
 paraview_plugin_version = elastoidentify.__version__
@@ -98,6 +99,7 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
 @in_menu
 @form(
     panel.documentation(filters.LameIdentification),
+    panel.outputs("Map", "Labels"),
     panel.inputs(
         filters.LameIdentification,
         {
@@ -122,3 +124,9 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
 )
 class LameIdentification(filters.LameIdentification):
     __doc__ = filters.LameIdentification.__doc__
+    output_types = ("vtkUnstructuredGrid", "vtkTable")
+
+    def execute(self, meshes, progress):
+        """Return the mesh with the result arrays, and the table of labels."""
+        grid = super().execute(meshes, progress)
+        return grid, label_table(grid)

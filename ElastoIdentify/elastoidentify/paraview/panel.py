@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from xml.sax.saxutils import escape, quoteattr
 
 from ..filters.base import Filter, Port
-from ..filters.options import Choice, File, Flag, Number, Option, Rows, Text, Vector
+from ..options import Choice, File, Flag, Number, Option, Rows, Text, Vector
 
 
 def documentation(filter_class: type[Filter]) -> str:
@@ -47,6 +47,13 @@ def _input(number: int, port: Port, name: str, array_domains) -> str:
       </DataTypeDomain>
       {array_domains.get(port.name, "")}
     </InputProperty>"""
+
+
+def outputs(*names: str) -> str:
+    """Return an OutputPort per name, for filters with several."""
+    return "".join(
+        f'<OutputPort name="{name}" index="{number}"/>' for number, name in enumerate(names)
+    )
 
 
 def settings(filter_class: type[Filter], special: Mapping[str, str] | None = None) -> str:
@@ -165,17 +172,12 @@ def _vector(option: Vector) -> str:
 def _rows(option: Rows) -> str:
     """Return an editable table; all its columns are numbers, the filter checks whole ones."""
     n = len(option.columns)
-    start = (
-        f'number_of_elements="{n}" default_values="{" ".join(map(str, option.start))}"'
-        if option.start
-        else ""
-    )
     labels = "".join(
         f'<ComponentLabel component="{i}" label={quoteattr(column)}/>'
         for i, column in enumerate(option.columns)
     )
     return f"""
-    <DoubleVectorProperty name="{option.title}" label="{_label(option.title)}" {start}
+    <DoubleVectorProperty name="{option.title}" label="{_label(option.title)}"
         command="Add{option.row}" clean_command="Clear{option.title}"
         repeat_command="1" number_of_elements_per_command="{n}">
       <DoubleRangeDomain name="range"/>

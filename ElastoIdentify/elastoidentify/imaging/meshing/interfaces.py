@@ -76,24 +76,24 @@ class Network:
 
     def sample(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return points (n, 2), segments (s, 2) and the curve and piece of each segment (s, 2)."""
-        count = int(self.ends.max()) + 1
-        anchors = np.zeros((count, 2))
-        inner, segments, pieces = [], [], []
-        for number, (curve, ends, cuts) in enumerate(
-            zip(self.curves, self.ends, self.cuts, strict=True)
-        ):
+        for number, (curve, cuts) in enumerate(zip(self.curves, self.cuts, strict=True)):
             if number not in self.sampled:
                 self.sampled[number] = equal_area_points(curve, cuts)
-            points = self.sampled[number]
-            anchors[ends] = points[[0, -1]]
-            inner.append(points[1:-1])
-            ids = np.arange(count - 1, count + len(points) - 1)
-            ids[[0, -1]] = ends
-            count += len(points) - 2
-            segments.append(np.stack([ids[:-1], ids[1:]], axis=1))
-            piece = np.arange(len(ids) - 1)
-            pieces.append(np.stack([np.full_like(piece, number), piece], axis=1))
-        return np.vstack([anchors, *inner]), np.vstack(segments), np.vstack(pieces)
+        points = np.concatenate([self.sampled[number] for number in range(len(self.curves))])
+        counts = np.array([len(cuts) for cuts in self.cuts])
+        stop = np.cumsum(counts)
+        tips = np.stack([stop - counts, stop - 1], axis=1)  # first and last point of each curve
+        inner = np.ones(len(points), bool)
+        inner[tips] = False
+        anchors = np.zeros((int(self.ends.max()) + 1, 2))
+        anchors[self.ends.ravel()] = points[tips.ravel()]
+        ids = len(anchors) + np.cumsum(inner) - 1
+        ids[tips] = self.ends
+        number = np.repeat(np.arange(len(counts)), counts)
+        first = np.flatnonzero(number[:-1] == number[1:])  # points with a next one on their curve
+        segments = np.stack([ids[first], ids[first + 1]], axis=1)
+        pieces = np.stack([number[first], first - tips[number[first], 0]], axis=1)
+        return np.concatenate([anchors, points[inner]]), segments, pieces
 
     def resolve(self, numbers: np.ndarray) -> None:
         """Cut the given curves at all their points, which never cross those of another curve."""
@@ -418,7 +418,10 @@ def regular_cuts(curves: list[np.ndarray], ends: np.ndarray, spacing: float) -> 
 
 def arc_lengths(curve: np.ndarray) -> np.ndarray:
     """Return the arc length at each point of a polyline (k, 2), from 0. Shape (k,)."""
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+    arc = np.zeros(len(curve))
+    step = curve[1:] - curve[:-1]
+    np.cumsum(np.sqrt(step[:, 0] ** 2 + step[:, 1] ** 2), out=arc[1:])
+    return arc
 
 
 def equal_area_points(curve: np.ndarray, cuts: np.ndarray) -> np.ndarray:
@@ -429,19 +432,18 @@ def equal_area_points(curve: np.ndarray, cuts: np.ndarray) -> np.ndarray:
     which gives the area back and keeps straight curves as they are.
     """
     arc = arc_lengths(curve)
-    points = np.c_[np.interp(cuts, arc, curve[:, 0]), np.interp(cuts, arc, curve[:, 1])]
+    x, y = np.interp(cuts, arc, curve[:, 0]), np.interp(cuts, arc, curve[:, 1])
     # Signed area swept from the origin along the curve, at its points and at the cuts.
-    origin = curve[0]
-    x, y = (curve - origin).T
-    swept = np.r_[0.0, np.cumsum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2]
-    at = np.clip(np.searchsorted(arc, cuts, side="right") - 1, 0, len(arc) - 1)
-    u, v = curve[at] - origin, points - origin
-    at_cuts = swept[at] + (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
-    chord = (v[:-1, 0] * v[1:, 1] - v[1:, 0] * v[:-1, 1]) / 2
-    sliver = np.diff(at_cuts) - chord  # positive when the curve runs right of its chord
-    reach = points[2:] - points[:-2]
-    length2 = np.maximum(np.einsum("pd,pd->p", reach, reach), 1e-300)
-    right = np.c_[reach[:, 1], -reach[:, 0]]
-    share = np.clip((sliver[:-1] + sliver[1:]) / length2, -0.25, 0.25)
-    points[1:-1] += share[:, None] * right
-    return points
+    (u, v), (x0, y0) = (curve - curve[0]).T, curve[0]
+    swept = np.zeros(len(arc))
+    np.cumsum((u[:-1] * v[1:] - u[1:] * v[:-1]) / 2, out=swept[1:])
+    at = np.minimum(np.searchsorted(arc, cuts, side="right") - 1, len(arc) - 1)
+    at_cuts = swept[at] + (u[at] * (y - y0) - v[at] * (x - x0)) / 2
+    chord = ((x[:-1] - x0) * (y[1:] - y0) - (x[1:] - x0) * (y[:-1] - y0)) / 2
+    sliver = at_cuts[1:] - at_cuts[:-1] - chord  # positive when the curve runs right of its chord
+    reach_x, reach_y = x[2:] - x[:-2], y[2:] - y[:-2]
+    length2 = np.maximum(reach_x**2 + reach_y**2, 1e-300)
+    share = np.minimum(np.maximum((sliver[:-1] + sliver[1:]) / length2, -0.25), 0.25)
+    x[1:-1] += share * reach_y
+    y[1:-1] -= share * reach_x
+    return np.stack([x, y], axis=1)

@@ -32,8 +32,8 @@ def triangle_angles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def tetrahedron_volumes(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     """Return the signed volumes (m,); positive when node 3 sees 0, 1, 2 clockwise (VTK's order)."""
-    a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
-    return np.einsum("md,md->m", np.cross(b - a, c - a), d - a) / 6
+    u, v, w = _edges(points, tetrahedra)
+    return (_cross(u, v) * w).sum(axis=0) / 6
 
 
 def cell_sizes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -46,11 +46,24 @@ def cell_sizes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 def dihedral_angles(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     """Return the angles between the faces of each tetrahedron in degrees, shape (m, 6)."""
-    normals = []
-    for face in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)):  # all outward, or all inward
-        a, b, c = (points[tetrahedra[:, k]] for k in face)
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normals.append(normal / np.maximum(length, 1e-300))
-    cosines = [-np.einsum("md,md->m", u, v) for u, v in combinations(normals, 2)]
+    u, v, w = _edges(points, tetrahedra)
+    normals = [_cross(v, w), _cross(w, u), _cross(u, v)]  # of the faces opposite to nodes 1, 2, 3
+    normals.insert(0, -sum(normals))
+    for normal in normals:
+        normal /= np.maximum(np.sqrt((normal**2).sum(axis=0)), 1e-300)
+    cosines = np.stack([-(m * n).sum(axis=0) for m, n in combinations(normals, 2)])
     return np.degrees(np.arccos(np.clip(cosines, -1, 1))).T
+
+
+def _edges(points: np.ndarray, tetrahedra: np.ndarray) -> list[np.ndarray]:
+    """Return the edges from node 0 of each tetrahedron to the others, three arrays (3, m)."""
+    columns = np.ascontiguousarray(points.T)
+    start = columns[:, tetrahedra[:, 0]]
+    return [columns[:, tetrahedra[:, k]] - start for k in (1, 2, 3)]
+
+
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return u × v of arrays (3, m)."""
+    return np.stack(
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    )

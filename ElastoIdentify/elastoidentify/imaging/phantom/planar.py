@@ -89,7 +89,12 @@ class Frame:
             for n, m, s in zip(self.shape[::-1], self.margin, self.spacing, strict=True)
         )
 
-    def to_plane(self, points: np.ndarray) -> np.ndarray:
+    @property
+    def body_axes(self) -> np.ndarray:
+        """World unit vectors of the block's x and y, (2, 3)."""
+        return self.direction[:, :2].T
+
+    def to_body(self, points: np.ndarray) -> np.ndarray:
         """Map world points (n, 3) to (x, y) of the block, shape (n, 2)."""
         pixel_corner = (np.array(self.margin) - 0.5) * self.spacing
         return (np.asarray(points, float) - self.origin) @ self.direction[:, :2] - pixel_corner
@@ -110,7 +115,7 @@ class Phantom:
     poisson: Image
     materials: dict[int, Material]
     pushes: np.ndarray  # (t, 3) world displacement of the indenter, mm
-    frame: Frame
+    frame: Frame  # of a volume: VolumeFrame
     deformations: list[Deformation] = field(repr=False)
     parameters: dict = field(repr=False)
 
@@ -136,9 +141,8 @@ class Phantom:
 
     def displacements(self, points: np.ndarray) -> np.ndarray:
         """Return the true displacement of world points (n, 3) in every trial: (t, n, 3), mm."""
-        plane = self.frame.to_plane(points)
-        axes = self.frame.direction[:, :2].T
-        return np.array([deformation(plane) @ axes for deformation in self.deformations])
+        body = self.frame.to_body(points)
+        return np.array([field(body) @ self.frame.body_axes for field in self.deformations])
 
     def knowledge(self) -> dict:
         """Return what is known, ready for JSON: materials, pushes, and how it was made."""
@@ -220,7 +224,7 @@ def make_phantom(
     InputError
         A parameter out of range, an inclusion that leaves the tissue, a push that folds the block.
     """
-    _check(pad, poisson, noise, pixels, anisotropy, tissue_young, pad_young, pushes)
+    check_parameters(pad, poisson, noise, pixels, anisotropy, tissue_young, pad_young, pushes)
     progress = progress or silent
     if width is None:
         width = 120.0 if texture is None else 0.6 * _smaller_side(texture)
@@ -256,7 +260,7 @@ def make_phantom(
         progress(0.6 + 0.4 * trial / (len(deformations) + 1), f"rendering trial {trial}")
         images.append(_render(source, frame, deformation.inverse(centres)))
     level = noise * np.percentile(images[0], 99)
-    rest, *pushed = (frame.image(_rician(image, level, rng).astype(np.float32)) for image in images)
+    rest, *pushed = (frame.image(rician(image, level, rng).astype(np.float32)) for image in images)
 
     labels, materials = _labels(frame, pad, discs, x, y)
     material_table = _materials(materials, inclusions, tissue_young, pad_young, poisson)
@@ -311,7 +315,7 @@ def write_phantom(folder: str | Path, phantom: Phantom) -> list[Path]:
     return [*(folder / f"{name}.nrrd" for name in images), folder / "phantom.json"]
 
 
-def _check(pad, poisson, noise, pixels, anisotropy, tissue_young, pad_young, pushes):
+def check_parameters(pad, poisson, noise, pixels, anisotropy, tissue_young, pad_young, pushes):
     """Raise InputError for a parameter that makes no phantom."""
     rules = (
         (0 < pad < 1, f"pad thickness {pad:g}: give a share of the height between 0 and 1"),
@@ -431,7 +435,7 @@ def _render(source: np.ndarray, frame: Frame, points: np.ndarray) -> np.ndarray:
     return values.reshape(frame.shape)
 
 
-def _rician(image: np.ndarray, level: float, rng: np.random.Generator) -> np.ndarray:
+def rician(image: np.ndarray, level: float, rng: np.random.Generator) -> np.ndarray:
     """Return the magnitude of a signal with Gaussian noise in both channels (MR magnitude)."""
     real, imaginary = level * rng.standard_normal((2, *image.shape))
     return np.hypot(image + real, imaginary)

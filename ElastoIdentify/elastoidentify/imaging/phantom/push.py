@@ -2,46 +2,62 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 from scipy.sparse.linalg import splu
 
 from ...errors import InputError
+from ...installation import needs
 from ...progress import Progress, silent
 
 # Air beside the block carries the displacement on outward, so that pushed images can be rendered
 # there. A membrane a million times softer than the tissue does it without folding or pushing back.
 AIR_STIFFNESS = 1e-6
+PADDING = 3  # samples around the grid that the spline of its edges needs
 
 Moduli = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class Deformation:
-    """Displacement on a regular grid of the plane, interpolated by cubic splines.
+    """Displacement on a regular grid of the plane or of space, interpolated by cubic splines.
 
     Parameters
     ----------
-    start, step : (2,) arrays
-        Position of the first grid point and distance of grid points, (x, y).
-    coefficients : (2, ny, nx) array
-        Spline coefficients of the displacement's x and y components.
+    start, step : (d,) arrays
+        Position of the first grid point and distance of grid points, (x, y) or (x, y, z).
+    coefficients : (2, ny, nx) or (3, nz, ny, nx) array
+        Spline coefficients of the displacement's components, with PADDING samples around.
     """
 
     start: np.ndarray
     step: np.ndarray
     coefficients: np.ndarray
 
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return len(self.start)
+
     @classmethod
     def of_grid(cls, start, step, values) -> "Deformation":
-        """Interpolate displacements (2, ny, nx) given at the grid points."""
-        coefficients = [ndimage.spline_filter(v, 3, mode="nearest") for v in values]
-        return cls(np.asarray(start, float), np.asarray(step, float), np.array(coefficients))
+        """Interpolate displacements (d, [nz,] ny, nx) given at the grid points."""
+        # carried on beyond the edges, where a spline of its own accord would end level
+        beyond = [(PADDING, PADDING)] * np.ndim(values[0])
+        carried = (np.pad(v, beyond, "reflect", reflect_type="odd") for v in values)
+        coefficients = np.array([ndimage.spline_filter(v, 3, mode="mirror") for v in carried])
+        return cls(np.asarray(start, float), np.asarray(step, float), coefficients)
+
+    @property
+    def count(self) -> np.ndarray:
+        """Grid points along each axis, x first."""
+        return np.array(self.coefficients.shape[:0:-1]) - 2 * PADDING
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Return the displacement (n, 2) at points (n, 2); constant beyond the grid."""
-        samples = ((points - self.start) / self.step).T[::-1]
+        """Return the displacement (n, d) at points (n, d); constant beyond the grid."""
+        samples = np.clip((points - self.start) / self.step, 0, self.count - 1).T[::-1] + PADDING
         return np.stack(
             [
                 ndimage.map_coordinates(c, samples, order=3, prefilter=False, mode="nearest")
@@ -51,16 +67,29 @@ class Deformation:
         )
 
     def gradient(self, points: np.ndarray) -> np.ndarray:
-        """Return ∂u_a/∂x_b (n, 2, 2) by central differences of a tenth of a grid step."""
+        """Return ∂u_a/∂x_b (n, d, d) by central differences of a tenth of a grid step."""
         columns = []
-        for axis in range(2):
-            shift = np.zeros(2)
+        for axis in range(self.dim):
+            shift = np.zeros(self.dim)
             shift[axis] = 0.1 * self.step[axis]
             columns.append((self(points + shift) - self(points - shift)) / (2 * shift[axis]))
         return np.stack(columns, -1)
 
+    def _nearby_gradient(self, points: np.ndarray) -> np.ndarray:
+        """Return ∂u_a/∂x_b (n, d, d) at the nearest grid points: good enough for Newton steps."""
+        nearest = np.rint((points - self.start) / self.step).astype(int)
+        nearest = np.clip(nearest, 0, self.count - 1)
+        return self._grid_gradient[tuple(nearest.T[::-1])]
+
+    @cached_property
+    def _grid_gradient(self) -> np.ndarray:
+        """∂u_a/∂x_b at the grid points, ([nz,] ny, nx, d, d)."""
+        shape = tuple(self.count[::-1])
+        index = np.stack(np.indices(shape)[::-1], -1).reshape(-1, self.dim)
+        return self.gradient(self.start + index * self.step).reshape(*shape, self.dim, self.dim)
+
     def inverse(self, points: np.ndarray, steps: int = 50) -> np.ndarray:
-        """Return the x (n, 2) with x + u(x) = `points`, by Newton steps of bounded length.
+        """Return the x (n, d) with x + u(x) = `points`, by Newton steps of bounded length.
 
         Raises
         ------
@@ -68,6 +97,7 @@ class Deformation:
             The deformation folds: somewhere there is no such x.
         """
         limit, tolerance = 4 * self.step.min(), 1e-6 * self.step.min()
+        slopes = self.gradient if self.dim == 2 else self._nearby_gradient
         x = points - self(points)
         left = np.arange(len(points))
         for _ in range(steps):
@@ -76,7 +106,7 @@ class Deformation:
             left, error = left[wrong], error[wrong]
             if not len(left):
                 return x
-            move = np.linalg.solve(np.eye(2) + self.gradient(x[left]), error[..., None])[..., 0]
+            move = np.linalg.solve(np.eye(self.dim) + slopes(x[left]), error[..., None])[..., 0]
             length = np.abs(move).max(1, keepdims=True)
             x[left] += move * np.minimum(1, limit / np.maximum(length, limit * 1e-9))
         raise InputError(
@@ -122,7 +152,7 @@ def solve_pushes(
     try:
         import skfem
     except ImportError:
-        raise InputError("phantoms need scikit-fem: pip install 'elastoidentify[demo]'") from None
+        raise InputError(f"making a phantom {needs('scikit-fem', 'demo')}") from None
     if kinematics not in ("small-strain", "neo-hookean"):
         raise InputError(f"kinematics {kinematics!r}: give small-strain or neo-hookean")
     progress = progress or silent

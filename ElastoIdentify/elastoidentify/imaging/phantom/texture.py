@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...errors import InputError
+from ...installation import hint
 from ..image import Image
 
 MNI152_T1 = "mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz"
@@ -30,8 +31,8 @@ def mni152_path() -> Path:
         if file.name == MNI152_T1 and Path(file.locate()).is_file():
             return Path(file.locate())
     raise InputError(
-        "the MNI152 template is missing: pip install 'elastoidentify[demo]' (it comes with the "
-        "nilearn package), or name an image of your own with --image"
+        f"the MNI152 template is missing, {hint('demo')} (it comes with the nilearn package), or "
+        "name an image of your own with --image"
     )
 
 
@@ -119,7 +120,50 @@ def sample_texture(image: Image, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.clip(0.1 + 0.9 * (values - low) / (high - low), 0.05, 1.1)
 
 
-def speckle(shape: tuple[int, int], grain: float, rng: np.random.Generator) -> np.ndarray:
+def sample_volume(image: Image, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Sample a volume around its centre, grey values scaled to 0.1…1.
+
+    Parameters
+    ----------
+    image : Image
+    x, y, z : (nx,), (ny,), (nz,)
+        Positions along columns, rows and slices from the image's centre, in its length unit.
+        Beyond the border the image is mirrored.
+
+    Returns
+    -------
+    (nz, ny, nx) array
+        Scaled as by :func:`sample_texture`.
+    """
+    if image.planar_axis is not None:
+        raise InputError("the texture of a volume is a volume: this image has one slice only")
+    values = ndimage.gaussian_filter(np.asarray(image.array, float), 0.4)
+    for axis, at in enumerate((z, y, x)):  # a grid of places: one axis after the other
+        index = (values.shape[axis] - 1) / 2 + at / image.spacing[2 - axis]
+        coefficients = ndimage.spline_filter1d(values, 3, axis, mode="mirror")
+        weights = _spline_weights(index, values.shape[axis])
+        values = np.moveaxis(np.tensordot(weights, coefficients, (1, axis)), 0, axis)
+    low, high = np.percentile(values, (1, 99))
+    if not high - low > 1e-9 * max(abs(high), abs(low)):
+        raise InputError("the texture image is constant where it is used: choose another image")
+    return np.clip(0.1 + 0.9 * (values - low) / (high - low), 0.05, 1.1)
+
+
+def _spline_weights(index: np.ndarray, count: int) -> np.ndarray:
+    """Cubic B-splines of `count` samples, mirrored at both ends, at places `index`: (n, count)."""
+    weights = np.zeros((len(index), count))
+    for tap in range(-1, 3):
+        sample = np.floor(index).astype(int) + tap
+        distance = np.abs(index - sample)
+        near = 2 / 3 - distance**2 + distance**3 / 2
+        value = np.where(distance < 1, near, np.maximum(2 - distance, 0) ** 3 / 6)
+        folded = np.abs(sample) % (2 * count - 2)
+        folded = np.minimum(folded, 2 * count - 2 - folded)
+        np.add.at(weights, (np.arange(len(index)), folded), value)
+    return weights
+
+
+def speckle(shape: tuple[int, ...], grain: float, rng: np.random.Generator) -> np.ndarray:
     """Return a random texture of mean 0.5 with grains of standard deviation `grain` samples."""
     noise = ndimage.gaussian_filter(rng.standard_normal(shape), grain, mode="wrap")
     return np.clip(0.5 + 0.17 * noise / noise.std(), 0.05, 1.0)

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 from scipy import ndimage
+from scipy.sparse.csgraph import connected_components
 
 from ...fem.assembly import tangent_stiffness
 from ...fem.constitutive import SmallStrain
@@ -87,6 +88,8 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing):
     voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
     here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
     there = here + np.einsum("va,vad->vd", weights, displacement[near])
+    shown = ((there >= 0) & (there <= np.array(pushed.shape[::-1]) - 1)).all(1)
+    voxels, near, weights, here, there = (a[shown] for a in (voxels, near, weights, here, there))
     first, second = (_value_and_gradient(*pair) for pair in ((rest, here), (pushed, there)))
     gain, offset = fit_grey_values(first[0], second[0])
     difference = first[0] - (gain * second[0] + offset)
@@ -99,10 +102,55 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing):
     return _correlation_matrix(shape, gradient), force
 
 
+def carried_displacement(
+    points: np.ndarray, cells: np.ndarray, displacement: np.ndarray, trusted: np.ndarray
+) -> np.ndarray:
+    """Replace the displacement of nodes that are not trusted by what their surroundings do.
+
+    They move as the nodes of a uniform elastic body do whose trusted nodes are held where they
+    were measured and whose surface is free.
+
+    Parameters
+    ----------
+    points : (n, d)
+        In pixels.
+    cells : (m, k) int
+    displacement : (n, d)
+        In pixels.
+    trusted : (n,) bool
+
+    Returns
+    -------
+    (n, d)
+        As measured at trusted nodes, and where no mesh leads to one.
+    """
+    mesh = simplex_mesh(points, cells)
+    links = mesh.node_cells @ mesh.node_cells.T
+    _, part = connected_components(links, directed=False)
+    reached = np.isin(part, part[trusted])
+    free = np.flatnonzero(np.repeat(~trusted & reached, mesh.dim))
+    if not len(free):
+        return displacement.copy()
+    stiffness = uniform_stiffness(mesh)
+    carried = displacement.astype(float).ravel()
+    carried[free] = 0.0
+    force = (stiffness @ carried)[free]
+    inner = stiffness[free][:, free].tocsc()
+    # parts that hang on a single trusted node could turn about it
+    inner = inner + 1e-9 * inner.diagonal().mean() * sp.identity(len(free), format="csc")
+    carried[free] = -spl.splu(inner, permc_spec="MMD_AT_PLUS_A").solve(force)
+    return carried.reshape(displacement.shape)
+
+
+def uniform_stiffness(mesh: Mesh) -> sp.csr_matrix:
+    """K of a uniform linear elastic body, (n·d, n·d)."""
+    lam, mu = (np.full(mesh.n_cells, one) for one in lame_from_young(1.0, POISSON_RATIO))
+    return tangent_stiffness(mesh, SmallStrain(), np.zeros_like(mesh.points), lam, mu)
+
+
 def equilibrium_gap(mesh: Mesh) -> sp.csr_matrix:
     """KᵀK of a uniform linear elastic body, with the rows of the inner nodes. Shape (n·d, n·d)."""
-    lam, mu = (np.full(mesh.n_cells, one) for one in lame_from_young(1.0, POISSON_RATIO))
-    stiffness = tangent_stiffness(mesh, SmallStrain(), np.zeros_like(mesh.points), lam, mu)
+    stiffness = uniform_stiffness(mesh)
     inner = np.flatnonzero(~mesh.boundary_nodes & (np.diff(mesh.node_cells.indptr) > 0))
     rows = stiffness[(inner[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()]
     return (rows.T @ rows).tocsr()

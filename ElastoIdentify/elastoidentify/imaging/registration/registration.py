@@ -13,13 +13,15 @@ from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from ...errors import InputError
 from ...progress import Progress, part, silent
 from ...workers.elastix_client import ElastixProcess
 from ..image import Image
-from .correlation import refine_displacement
+from .correlation import carried_displacement, refine_displacement
 from .information import (
+    cell_gradients,
     displacement_information,
     fit_grey_values,
     signed_volumes,
@@ -35,6 +37,8 @@ LARGEST_DISAGREEMENT = 1.0  # pixels, median over the nodes
 SMALLEST_PUSH = 0.5  # pixels
 BLIND = 1.0  # pixels of uncertainty at which a node counts as without texture
 CARRIED = 0.5  # pixels that such nodes are right to, carried by their surroundings
+APART = 1.0  # pixels between forward and backward registration at which a node is not believed
+NOT_SEEN = -1e30  # what elastix writes where the pushed image shows nothing
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # xx, yy, zz, xy, yz, xz
 
 
@@ -274,6 +278,18 @@ def _trial_warnings(trial: int, figures: dict) -> list[str]:
             f"the images agree less after the registration ({after:.2f}) than before "
             f"({before:.2f}): do not trust this trial"
         )
+    if figures["nodes_disagreeing"]:
+        found.append(
+            f"{figures['nodes_disagreeing']} mesh nodes are placed more than {APART:g} pixel apart "
+            "by the forward and the backward registration: their displacement is taken from the "
+            "nodes around them and has no weight"
+        )
+    if figures["nodes_leaving"]:
+        found.append(
+            f"{figures['nodes_leaving']} mesh nodes leave the pushed image: their displacement is "
+            "carried on from the nodes that stay and has little weight; a larger field of view "
+            "would show them"
+        )
     if figures["folded_cells"] > 0:
         found.append(
             f"{100 * figures['folded_cells']:.2g} % of the cells are turned inside out by the "
@@ -329,6 +345,7 @@ def register(
     reference: str = "rest",
     backward: bool = True,
     refine: bool = True,
+    reaction_nodes: np.ndarray | None = None,
     elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
@@ -360,6 +377,9 @@ def register(
         Correct the displacements by one step of image correlation on the mesh, see
         :func:`~elastoidentify.imaging.registration.correlation.refine_displacement`: noisier,
         with less bias where the strain jumps.
+    reaction_nodes : (n,) bool, optional
+        Nodes that an outside body touches (the mesher's ``reaction_nodes``). The strain ends there
+        at once, which neither B-splines nor cells follow: their information says so.
     elastix : ElastixProcess, optional
         A worker that is kept warm for several calls; it is left open, unless cancelled.
     progress : callable, optional
@@ -398,7 +418,18 @@ def register(
         if not mask_array.any():
             raise InputError("the mask is empty: no voxel of it differs from 0")
 
-    work = _Work(frame, frame.array(rest), points, cells, maps, mask_array, outside, refine)
+    touched = None
+    if reaction_nodes is not None:
+        touched = np.asarray(reaction_nodes).astype(bool).ravel()
+        if len(touched) != len(points):
+            raise InputError(
+                f"reaction_nodes has {len(touched)} values and the mesh {len(points)} nodes: give "
+                "one per node"
+            )
+
+    work = _Work(
+        frame, frame.array(rest), points, cells, maps, mask_array, outside, refine, touched
+    )
     start = nullcontext(elastix) if elastix else ElastixProcess(part(progress, 0.0, 0.05))
     with start as worker:
         figures = work.run(worker, trials, reference, backward, part(progress, 0.05, 1.0))
@@ -441,10 +472,11 @@ def _named(name: str, progress: Progress) -> Progress:
 class _Work:
     """One call of :func:`register`, in pixels: arrays filled trial by trial."""
 
-    def __init__(self, frame, rest, points, cells, maps, mask, outside, refine):
-        self.frame, self.rest, self.maps, self.mask = frame, rest, maps, mask
+    def __init__(self, frame, rest, points, cells, maps, mask, outside, refine, touched):
+        self.frame, self.rest, self.mask = frame, rest, mask
+        self.maps = [one | {"DefaultPixelValue": [f"{NOT_SEEN:g}"]} for one in maps]
         self.index, self.cells, self.outside = frame.index(points), cells, outside
-        self.refine = refine
+        self.refine, self.touched = refine, touched
         self.corners = simplices(cells, len(frame.kept))
         self.inside = voxels_in_cells(self.index, cells, rest.shape)[0]
         if len(self.inside) < 16:
@@ -462,20 +494,30 @@ class _Work:
         for k, trial in enumerate(trials):
             tell = _named(f"trial {k + 1} of {count}", part(progress, k / count, (k + 1) / count))
             reached, warped, miss = self._one(elastix, image, trial, reached, backward, tell)
-            self.displacements[k] = self._refined(trial, reached - start)
             self.disagreement[k] = miss
-            figures.append(self._judge(k, image, trial, warped, miss if backward else None))
+            doubt = self._doubt(reached, miss)
+            self.displacements[k] = self._measured(trial, reached - start, doubt)
+            figures.append(self._judge(k, image, trial, warped, miss if backward else None, doubt))
             if reference == "previous":
                 image = trial
             else:
                 reached = start
         return figures
 
-    def _refined(self, trial, displacement):
-        """The displacement in pixels after the second step, where it is asked for."""
+    def _doubt(self, reached, miss) -> "_Doubt":
+        """Which nodes leave the pushed image, and which were not found there."""
+        place = reached / self.frame.spacing
+        leaving = ((place < -0.5) | (place > np.array(self.rest.shape[::-1]) - 0.5)).any(1)
+        return _Doubt(leaving & ~self.outside, (miss > APART) & ~leaving & ~self.outside)
+
+    def _measured(self, trial, displacement, doubt):
+        """The displacement in pixels, carried on where it is in doubt, after the second step."""
+        spacing = self.frame.spacing
+        if doubt.any.any() and doubt.any.mean() < 0.5:
+            pixels = self.index * spacing
+            displacement = carried_displacement(pixels, self.cells, displacement, ~doubt.any)
         if not self.refine:
             return displacement
-        spacing = self.frame.spacing
         voxels = refine_displacement(
             self.rest, trial, self.index, self.cells, displacement / spacing, spacing
         )
@@ -496,35 +538,84 @@ class _Work:
         )
         return mapped, warped, np.linalg.norm(back - points, axis=1)
 
-    def _judge(self, k, image, trial, warped, miss) -> dict:
+    def _judge(self, k, image, trial, warped, miss, doubt) -> dict:
         """Fill in the information of trial k and return its figures."""
-        smooth = [ndimage.gaussian_filter(one, 1.0) for one in (image, trial, warped)]
-        rest, before, after = (one.ravel()[self.inside] for one in smooth)
-        gain, offset = fit_grey_values(image.ravel()[self.inside], warped.ravel()[self.inside])
+        seen = warped > NOT_SEEN / 2
+        inside = self.inside[seen.ravel()[self.inside]]
+        if len(inside) < 16:
+            seen, inside = np.ones_like(seen), self.inside  # nothing matches: the figures say so
+        gain, offset = fit_grey_values(image.ravel()[inside], warped.ravel()[inside])
+        levelled = np.where(seen, gain * warped + offset, image)
+        smooth = [ndimage.gaussian_filter(one, 1.0) for one in (image, trial, levelled)]
+        rest, before, after = (one.ravel()[inside] for one in smooth)
         moved = self.displacements[k]
         information, share, noise = displacement_information(
             image,
-            gain * warped + offset,
+            levelled,
             self.index,
             self.cells,
             moved,
             spacing=self.frame.spacing,
             resolution=None if self.refine else control_point_spacing(self.maps),
+            seen=seen,
+            touched=self.touched,
         )
-        information[self.outside] = 0.0
-        pixels = self.index * self.frame.spacing
+        information[self.outside | doubt.leaving] = 0.0
         weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)
-        carried = np.where(self.outside, 0.0, share) / CARRIED**2
-        self.information[k] = information + carried[:, None, None] * np.eye(len(self.frame.kept))
+        self.information[k] = self._with_doubt(information, share, moved, miss, doubt)
+        believed = np.ones(len(moved), bool) if miss is None else ~doubt.leaving & ~self.outside
+        apart = None if miss is None or not believed.any() else miss[believed]
+        pixels = self.index * self.frame.spacing
         return {
             "similarity_before": similarity(rest, before),
             "similarity_after": similarity(rest, after),
             "folded_cells": folded_share(pixels, pixels + moved, self.corners),
             "nodes_outside": float(self.outside.mean()),
+            "nodes_leaving": int(doubt.leaving.sum()),
+            "nodes_disagreeing": int(doubt.lost.sum()),
             "nodes_without_texture": float(np.mean(weakest < 1 / BLIND**2)),
-            "disagreement_median": None if miss is None else float(np.median(miss)),
-            "disagreement_largest": None if miss is None else float(miss.max()),
+            "disagreement_median": None if apart is None else float(np.median(apart)),
+            "disagreement_largest": None if apart is None else float(apart.max()),
             "noise": float(noise / np.sqrt(2)),
             "largest_displacement_pixels": float(np.linalg.norm(moved, axis=1).max()),
             "independent_share": float(share.mean()),
         }
+
+    def _with_doubt(self, information, share, moved, miss, doubt):
+        """Add what the surroundings tell, take off what the doubts are.
+
+        A node is carried by its surroundings to half a pixel; one that leaves the image is carried
+        on over the distance to the nearest that stays, and errs by the strain times the distance.
+        The disagreement of forward and backward registration is the difference of two errors of
+        one size: a variance of its square over 2 d per component.
+        """
+        dimension = information.shape[-1]
+        pixels = self.index * self.frame.spacing
+        variance = np.full(len(pixels), CARRIED**2)
+        stays = ~doubt.any & ~self.outside
+        if doubt.leaving.any() and stays.any():
+            far = cKDTree(pixels[stays]).query(pixels[doubt.leaving])[0]
+            strain2 = (cell_gradients(pixels, self.corners, moved) ** 2).sum(1).mean()
+            variance[doubt.leaving] += strain2 * far**2
+        carried = np.where(self.outside | doubt.lost, 0.0, share) / variance
+        total = information + carried[:, None, None] * np.eye(dimension)
+        total[doubt.lost] = 0.0
+        if miss is None:
+            return total
+        strength, axes = np.linalg.eigh(total)
+        # nothing comes back from where the pushed image ends
+        apart = np.where(doubt.leaving, 0.0, miss**2 / (2 * dimension))
+        strength = strength / (1 + apart[:, None] * np.maximum(strength, 0.0))
+        return np.einsum("nab,nb,ncb->nac", axes, strength, axes)
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """Nodes whose displacement is not to be believed, two masks (n,)."""
+
+    leaving: np.ndarray  # leave the pushed image
+    lost: np.ndarray  # forward and backward registration do not agree
+
+    @property
+    def any(self) -> np.ndarray:
+        return self.leaving | self.lost
