@@ -130,14 +130,16 @@ def cell(args, n=8, ratios=(0.45, 0.495, 0.499)):
 
 
 def label25(args):
-    label(args, 16, (0.45, 0.495, 0.499))
+    print(HEAD)
+    Body(args, "tetra", 16, 0.45).row("ν 0.45, box, clamped", "label")
+    Body(args, "tetra", 16, 0.499).row("ν 0.499, box, clamped", "label")
+    Body(args, "unstructured", 16, 0.495).row("ν 0.495, unstructured", "label")
 
 
 def cell25(args):
     print(HEAD)
     for nu in (0.45, 0.499):
         Body(args, "tetra", 16, nu).row(f"ν {nu}, box, clamped", "cell")
-    Body(args, "tetra", 16, 0.495, "ball").row("ν 0.495, ball", "cell")
 
 
 def other(args):
@@ -153,7 +155,7 @@ def plane(args):
     """The plane's bias table: 512 triangles, 0.1 % noise."""
     print("\n| ν | cells | sub-cells | inclusion (3) | tissue (1) | mean error | seconds |")
     print("|---|---|---|---|---|---|---|")
-    for nu in (0.3, 0.43, 0.47, 0.495):
+    for nu in (0.43, 0.495):
         case = forward.squares(16, poisson=nu, radius=0.2)
         u = case.noisy(1e-3 * np.abs(case.displacements).max(), 0)
         inner, outer = case.from_edge < -1, (case.from_edge > 1) & ~case.known
