@@ -48,7 +48,7 @@ class KnownElastix:
     def __init__(self, rest, pushed, lost=None, miss=0.0):
         self.rest, self.pushed, self.lost, self.miss = rest, pushed, lost, miss
 
-    def register(self, fixed, moving, spacing, maps, points, *, mask=None, progress=None):
+    def register(self, fixed, moving, spacing, maps, points, *, warp=True, **_):
         j, i = np.mgrid[: SHAPE[0], : SHAPE[1]]
         grid = np.column_stack([i.ravel(), j.ravel()]).astype(float)
         if np.array_equal(fixed, self.rest):
@@ -57,6 +57,8 @@ class KnownElastix:
                 mapped[self.lost, 0] += self.miss
         else:
             mapped, there = (p - squeeze(inverse(p)) for p in (points, grid))
+        if not warp:
+            return mapped, None
         warped = ndimage.map_coordinates(moving, there.T[::-1], order=3, mode="nearest")
         gone = ((there < -0.5) | (there > np.array(SHAPE[::-1]) - 0.5)).any(1)
         return mapped, np.where(gone, NOT_SEEN, warped).reshape(SHAPE).astype(np.float32)

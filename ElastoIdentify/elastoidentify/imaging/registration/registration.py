@@ -484,7 +484,8 @@ class _Work:
         self.index, self.cells, self.outside = frame.index(points), cells, outside
         self.refine, self.touched = refine, touched
         self.corners = simplices(cells, len(frame.kept))
-        self.inside = voxels_in_cells(self.index, cells, rest.shape)[0]
+        self.located = voxels_in_cells(self.index, cells, rest.shape)
+        self.inside = self.located[0]
         if len(self.inside) < 16:
             raise InputError("the mesh covers hardly a voxel of the rest image: check its units")
 
@@ -513,7 +514,8 @@ class _Work:
         def come_back(k, progress):
             reached, _ = forth[k].result()
             points = forth[k - 1].result()[0] if composed and k else start
-            back, _ = self._one(engines, trials[k], images[k], reached, progress)
+            pair = trials[k], images[k]
+            back, _ = self._one(engines, *pair, reached, progress, warp=False)
             finish(k, np.linalg.norm(back - points, axis=1))
 
         def finish(k, miss):
@@ -547,16 +549,24 @@ class _Work:
         if not self.refine:
             return displacement
         voxels = refine_displacement(
-            self.rest, trial, self.index, self.cells, displacement / spacing, spacing
+            self.rest,
+            trial,
+            self.index,
+            self.cells,
+            displacement / spacing,
+            spacing,
+            located=self.located,
         )
         return np.where(self.outside[:, None], displacement, voxels * spacing)
 
-    def _one(self, engines, fixed, moving, points, progress):
+    def _one(self, engines, fixed, moving, points, progress, warp=True):
         """Register one pair. Returns T(points) and the warped image."""
         mask = self.mask if fixed is self.rest else None
         settings = self.frame.spacing, self.maps
         with engines.one(progress) as elastix:
-            return elastix.register(fixed, moving, *settings, points, mask=mask, progress=progress)
+            return elastix.register(
+                fixed, moving, *settings, points, mask=mask, warp=warp, progress=progress
+            )
 
     def _judge(self, k, image, trial, warped, miss, doubt) -> dict:
         """Fill in the information of trial k and return its figures."""
@@ -579,6 +589,7 @@ class _Work:
             resolution=None if self.refine else control_point_spacing(self.maps),
             seen=seen,
             touched=self.touched,
+            located=self.located,
         )
         information[self.outside | doubt.leaving] = 0.0
         weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)
