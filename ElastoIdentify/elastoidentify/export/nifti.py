@@ -110,7 +110,8 @@ def _about_quantity(result: CellMap, name: str) -> dict:
         "Quantity": quantity.words,
         "Symbol": quantity.symbol,
         "Units": result.unit_of(name),
-        "NotANumber": "outside of the mesh, or not determined; see the image _status",
+        "NotANumber": "outside of the mesh, or not determined; readers made with niftilib (ITK, 3D "
+        "Slicer) show 0 there: mask with the images _status and _label",
         "Sampling": "each voxel has the value of the cell that its centre lies in",
         "Warnings": list(result.report.get("warnings", [])),
     }
