@@ -14,7 +14,7 @@ def tool(name):
     beside = Path(sys.executable).with_name(name)
     found = str(beside) if beside.exists() else shutil.which(name)
     if found is None:
-        pytest.skip(f"needs {name}: pip install dcmqi, or apt-get install dicom3tools")
+        pytest.skip(f"needs {name}: pip install dcmqi, or apt-get install dicom3tools calculix-ccx")
     return found
 
 

@@ -40,6 +40,8 @@ class CellMap:
     status, labels : (n_cells,) int
     displacements : (t, n, 3)
         Rest → pushed; may be empty.
+    reaction_nodes : (n,) bool
+        Where an outside body may push; may be empty.
     label_names : {label: name}
     unit, length_unit : str
     provenance : dict
@@ -54,6 +56,7 @@ class CellMap:
     status: np.ndarray
     labels: np.ndarray
     displacements: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 3)))
+    reaction_nodes: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     label_names: Mapping[int, str] = field(default_factory=dict)
     unit: str = "Pa"
     length_unit: str = "mm"
@@ -134,6 +137,7 @@ def from_outcome(outcome, names: Mapping[int, str] | None = None) -> CellMap:
         np.asarray(result.status),
         mesh.labels,
         outcome.displacements,
+        np.asarray(mesh.reaction_nodes, bool),
         names if names is not None else _names(result.report),
         made.get("unit") or "Pa",
         made.get("length_unit") or "mm",
@@ -158,7 +162,7 @@ def read_cell_map(path) -> CellMap:
 def from_grid(grid, where: str = "the mesh") -> CellMap:
     """Return the map of a VTK mesh that carries one."""
     from ..vtk_io.arrays import read_report, trials_of
-    from ..vtk_io.checks import cell_labels
+    from ..vtk_io.checks import cell_labels, reaction_nodes
     from ..vtk_io.convert import get_array, has_array, mesh_blocks, mesh_points
 
     cells = grid.GetCellData()
@@ -179,6 +183,7 @@ def from_grid(grid, where: str = "the mesh") -> CellMap:
         np.asarray(get_array(cells, "Status"))[order].astype(int),
         np.ones(len(order), int) if labels is None else np.asarray(labels)[order],
         np.array(trials, float) if trials else np.empty((0, grid.GetNumberOfPoints(), 3)),
+        reaction_nodes(grid) if reaction_nodes(grid) is not None else np.empty(0, bool),
         _names(report),
         made.get("unit") or "Pa",
         made.get("length_unit") or "mm",
