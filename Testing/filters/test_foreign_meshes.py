@@ -122,6 +122,17 @@ def test_information_that_is_no_inverse_covariance_is_refused(rows):
         checks.information(grid, ["Displacement_1"])
 
 
+def test_displacements_in_another_unit_are_refused():
+    grid = block(12)
+    u = convert.get_array(grid.GetPointData(), "Displacement_1").astype(float)
+    checks.check_unit(grid, u[None], ["Displacement_1"])
+    checks.check_unit(grid, np.full_like(u[None], np.nan), ["Displacement_1"])  # a lost trial
+    with pytest.raises(InputError, match=r"Displacement_1.*unit of length"):
+        checks.check_unit(grid, 1000 * u[None], ["Displacement_1"])
+    no_weight = np.zeros((1, len(u), 3, 3))
+    checks.check_unit(grid, 1000 * u[None], ["Displacement_1"], no_weight)
+
+
 def test_triangles_called_tetrahedra_are_refused_not_read_beyond_the_end(tmp_path):
     grid = block()
     wrong = vtkUnstructuredGrid()

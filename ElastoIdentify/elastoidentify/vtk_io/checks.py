@@ -159,6 +159,31 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     return np.stack(found)
 
 
+def check_unit(
+    mesh: vtkUnstructuredGrid,
+    displacements: np.ndarray,
+    trials: list[str],
+    weights: np.ndarray | None = None,
+) -> None:
+    """Refuse displacements (t, n, 3) that differ by more than the mesh measures: another unit.
+
+    Those of a trial without any weight (t, n, 3, 3) may be anything.
+    """
+    blocks, _ = mesh_blocks(mesh)
+    used = np.unique(np.concatenate([nodes.ravel() for _, nodes in blocks]))
+    size = float(np.linalg.norm(np.ptp(mesh_points(mesh)[used], axis=0)))
+    for k, (u, name) in enumerate(zip(displacements[:, used], trials, strict=True)):
+        if weights is not None and not weights[k].any():
+            continue
+        spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
+        if spread > size > 0:
+            raise InputError(
+                f"the displacements {name!r} differ by up to {spread:.3g} on a mesh of size "
+                f"{size:.3g}: bring both to one unit of length (mm and m?), or give displacements, "
+                "not positions"
+            )
+
+
 # ---- mending
 
 
