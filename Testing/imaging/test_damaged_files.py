@@ -144,3 +144,26 @@ def test_texts_of_a_mesh_that_are_not_as_many_as_it_claims(tmp_path, mode, packe
     (tmp_path / "a.vtu").write_bytes(lie)
     with pytest.raises(InputError, match="texts"):
         read_mesh(tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize("packed", ["None", "ZLib"])
+@pytest.mark.parametrize("gone", [1, 4, 7, 40])
+def test_texts_of_a_mesh_that_are_shorter_than_they_claim(tmp_path, packed, gone):
+    pytest.importorskip("vtkmodules")
+    from elastoidentify.vtk_io import convert
+    from elastoidentify.vtk_io.vtu import read_mesh
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    grid = convert.mesh_to_vtk(np.eye(3), np.array([[0, 1, 2]]))
+    convert.set_text(grid, "Report", "".join(str(n) for n in range(60)))
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(tmp_path / "a.vtu"))
+    writer.SetInputData(grid)
+    writer.SetDataModeToBinary()
+    getattr(writer, f"SetCompressorTypeTo{packed}")()
+    writer.Write()
+    whole = (tmp_path / "a.vtu").read_bytes()
+    end = whole.index(b"\n", whole.index(b">", whole.index(b'"Report"')) + 2)
+    (tmp_path / "a.vtu").write_bytes(whole[: end - 6 - gone] + whole[end - 6 :])
+    with pytest.raises(InputError):
+        read_mesh(tmp_path / "a.vtu")
