@@ -163,18 +163,20 @@ def dense_balance(one):
     return A / np.where(norm > 0, norm, 1)
 
 
-def determined_cells(one, gap=(1e-12, 1e-9)):
+def determined_cells(one, gap=(1e-12, 1e-9), part=(1e-9, 1e-5)):
     """Which cells the null space of the dense balance matrix leaves alone. (n_cells,) bool
 
-    The singular values must leave a `gap` between those that are zero and the rest: where they do
-    not, the question has no answer and the test is at fault.
+    The singular values must leave a `gap` between those that are zero and the rest, and so must
+    the part that columns have in the null space: where they do not, the question has no answer
+    and the test is at fault.
     """
     _, s, Vt = np.linalg.svd(dense_balance(one))
     s = np.pad(s, (0, len(Vt) - len(s)))
     assert not ((s > gap[0]) & (s < gap[1])).any(), "no clear rank: choose another body"
-    null = np.abs(Vt[s <= gap[0]]).max(axis=0, initial=0.0)
+    null = np.linalg.norm(Vt[s <= gap[0]], axis=0)
+    assert not ((null > part[0]) & (null < part[1])).any(), "no clear null space: another body"
     answer = one.known.copy()
-    answer[~one.known] = (null.reshape(-1, 2) < 1e-6).all(axis=1)
+    answer[~one.known] = (null.reshape(-1, 2) <= part[0]).all(axis=1)
     return answer
 
 

@@ -21,7 +21,7 @@ MOVED = {
     "imaging.elastix_worker": "workers.elastix_engine",
     "imaging.information": "imaging.registration.information",
     "imaging.parameter_files": "imaging.registration.parameter_files",
-    "imaging.picture": "report.picture",
+    "imaging.picture": "vtk_io.picture",
     "imaging.push": "imaging.phantom.push",
     "imaging.push_quads": "imaging.phantom.push_quads",
     "imaging.refinement": "imaging.registration.correlation",

@@ -1,166 +1,296 @@
-"""From images, or from displacements, to the map: mesh, register, identify.
+"""The pipeline: mesh → register → identify, on plain arrays.
 
-One :class:`Job` in, one :class:`Outcome` out, both plain arrays that can be pickled, so that a host
-can have the work done by a process in the background (:mod:`elastoidentify.workers.job`).
+Every host calls :func:`run`, or one of the three steps. What goes in is a
+:class:`~elastoidentify.study.Study`, or for a single step anything that has the options of its
+table; what comes out can be pickled, so that a host can have the work done by a process in the
+background (:mod:`elastoidentify.workers.job`)::
+
+    from elastoidentify.imaging.io import read_image
+    from elastoidentify.pipeline import run
+    from elastoidentify.study import Study
+
+    study = Study(
+        segmentation=read_image("labels.nrrd"), rest=read_image("rest.nrrd"),
+        pushed=[read_image("push_1.nrrd"), read_image("push_2.nrrd")],
+        edge_length=7.0, known_materials={1: (5000.0, 0.45)}, kinematics="neo-hookean",
+    )
+    outcome = run(study)
+    outcome.result.mu, outcome.result.statistics, outcome.warnings
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from .errors import InputError
-from .imaging.image import Image
 from .imaging.meshing import LabelMesh, mesh_segmentation
-from .inverse.identify import STATUS_IDENTIFIED, STATUS_KNOWN, IdentificationResult, identify
+from .imaging.slices import slice_of_image, slice_with_points
+from .inverse.identify import IdentificationResult, check_input, identify
+from .options import keywords
 from .progress import Progress, part, silent
-
-SYMMETRIC = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
-"""Where the entries of a symmetric matrix are in its components xx, yy, zz, xy, yz, xz."""
-
-SUMMARY_QUANTITIES = {
-    "Lambda": "lam",
-    "Mu": "mu",
-    "YoungModulus": "young",
-    "PoissonRatio": "poisson",
-}
-
-
-@dataclass
-class Job:
-    """What is to be done.
-
-    Parameters
-    ----------
-    segmentation : Image
-        Labels; 0 is background. One slice, or a volume.
-    edge_length : float
-        Of the cells, in the world's length unit.
-    known : {label: (young, poisson)}
-    rest, pushed : Image, list of Image
-        One pushed image per trial. Not needed where `displacements` are given.
-    rigid_labels, reaction_boxes
-        As in :func:`~elastoidentify.imaging.meshing.mesh_segmentation`.
-    parameters : str, optional
-        elastix parameters, as in :func:`~elastoidentify.imaging.registration.register`.
-    mesh : LabelMesh, optional
-        Used instead of meshing the segmentation.
-    displacements : (t, n, 3), optional
-        Of the nodes of `mesh`, rest → pushed; used instead of a registration.
-    options : dict
-        Keywords of :func:`~elastoidentify.inverse.identify.identify`: method, kinematics, …
-    """
-
-    segmentation: Image | None
-    edge_length: float
-    known: dict[int, tuple[float, float]]
-    rest: Image | None = None
-    pushed: list[Image] = field(default_factory=list)
-    rigid_labels: Sequence[int] = ()
-    reaction_boxes: Sequence[Sequence[float]] = ()
-    parameters: str | None = None
-    mesh: LabelMesh | None = None
-    displacements: np.ndarray | None = None
-    options: dict = field(default_factory=dict)
+from .provenance import provenance
+from .results import to_matrices
+from .study import IdentificationOptions, MeshOptions, RegistrationOptions, Study
 
 
 @dataclass
 class Outcome:
-    """What came out. Arrays as in LabelMesh, Registration and IdentificationResult."""
+    """What came out.
+
+    Attributes
+    ----------
+    mesh : LabelMesh
+    displacements : (t, n, 3)
+        Rest → pushed, world axes.
+    result : IdentificationResult
+    registration : Registration or None
+        None where the displacements were given.
+    warnings : list of str
+        Of all steps, in their order.
+    provenance : dict
+        JSON-ready, see :func:`~elastoidentify.provenance.provenance`.
+    """
 
     mesh: LabelMesh
     displacements: np.ndarray
-    information: np.ndarray | None
     result: IdentificationResult
-    warnings: list[str]
+    registration: object = None
+    warnings: list[str] = field(default_factory=list)
+    provenance: dict = field(default_factory=dict)
 
 
-def make_mesh(job: Job, progress: Progress | None = None) -> LabelMesh:
-    """Mesh the segmentation of a job."""
-    return mesh_segmentation(
-        job.segmentation,
-        job.edge_length,
-        rigid_labels=job.rigid_labels,
-        reaction_boxes=job.reaction_boxes,
-        progress=progress,
-    )
+def run(
+    study: Study,
+    *,
+    mesh: LabelMesh | None = None,
+    displacements: np.ndarray | None = None,
+    registration=None,
+    names: Mapping[int, str] | None = None,
+    inputs: Mapping[str, object] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Do a whole study.
 
-
-def run(job: Job, progress: Progress | None = None) -> Outcome:
-    """Do a job.
+    Parameters
+    ----------
+    study : Study
+    mesh : LabelMesh, optional
+        Used instead of meshing the segmentation.
+    displacements : (t, n, 3), optional
+        Of the nodes of `mesh`, rest → pushed; used instead of a registration.
+    registration : Registration, optional
+        Of an earlier run on the same images and `mesh`.
+    names : {label: name}, optional
+        For the table of labels.
+    inputs : {name: fingerprint}, optional
+        Of the files that were read, for the provenance.
+    progress : callable, optional
 
     Raises
     ------
     InputError
-        One line: what is wrong, where, how to mend it.
+        One line: what is wrong, where, how to mend it. All that can be found without a registration
+        is found before it.
     Cancelled
         By the progress callable.
     """
-    progress = progress or silent
-    mesh = job.mesh or make_mesh(job, part(progress, 0.0, 0.05))
-    warnings = list(mesh.notes)
-    displacements, information = job.displacements, None
+    progress, start = progress or silent, time.monotonic()
+    from_images = displacements is None and registration is None
+    if from_images:
+        check_images(study)
+    mesh = mesh or make_mesh(study, part(progress, 0.0, 0.05))
+    if from_images:
+        check(study, mesh)
+        registration = measure(study, mesh.points, mesh.cells, part(progress, 0.05, 0.7))
     if displacements is None:
-        from .imaging.registration.registration import register
-
-        if job.rest is None or not job.pushed:
-            raise InputError("no images: give a rest image and at least one pushed image")
-        registration = register(
-            job.rest,
-            job.pushed,
-            mesh.points,
-            mesh.cells,
-            parameters=job.parameters,
-            progress=part(progress, 0.05, 0.7),
-        )
-        displacements, information = registration.displacements, registration.information
-        warnings += registration.report.get("warnings", [])
-    result = identify(
+        displacements = registration.displacements
+    result = identify_mesh(
+        study,
         mesh.points,
         cell_blocks(mesh.cells),
         displacements,
-        job.known,
         labels=mesh.labels,
         reaction_nodes=mesh.reaction_nodes.astype(bool),
-        information=None if information is None else information[..., SYMMETRIC],
+        information=None if registration is None else to_matrices(registration.information),
+        names=names,
         progress=part(progress, 0.7, 1.0),
-        **job.options,
     )
     progress(1.0, "done")
-    return Outcome(
-        mesh,
-        np.asarray(displacements),
-        information,
-        result,
-        warnings + result.report.get("warnings", []),
+    warnings = list(mesh.notes)
+    warnings += [] if registration is None else registration.report.get("warnings", [])
+    warnings += result.report.get("warnings", [])
+    made = provenance(study, inputs, time.monotonic() - start)
+    if study.segmentation is not None:
+        made["edge_length"] = study.edge_length or default_edge_length(study.segmentation)
+    return Outcome(mesh, np.asarray(displacements), result, registration, warnings, made)
+
+
+# ---- checks
+
+
+def check_images(study: Study) -> None:
+    """Refuse images that no registration could use, before anything is done."""
+    images = [image for image in (study.rest, *study.pushed) if image is not None]
+    if not study.pushed:
+        raise InputError("no images: give a rest image and at least one pushed image")
+    if len(images) < 2:
+        raise InputError(
+            "one image is nothing to compare: add the image at rest, or a second pushed one to "
+            "measure from one push to the other"
+        )
+    names = [] if study.rest is None else ["the rest image"]
+    names += [f"pushed image {number}" for number in range(1, len(study.pushed) + 1)]
+    for second in range(1, len(images)):
+        for first in range(second):
+            a, b = images[first].array, images[second].array
+            if a is b or (a.shape == b.shape and np.array_equal(a, b)):
+                raise InputError(
+                    f"{names[first]} and {names[second]} are the same image, voxel by voxel: was "
+                    "one file given twice?"
+                )
+
+
+def check(study: Study, mesh: LabelMesh) -> None:
+    """Refuse what the identification would refuse after the registration.
+
+    Raises
+    ------
+    InputError
+    """
+    check_input(
+        mesh.points,
+        cell_blocks(mesh.cells),
+        known_by_label(study),
+        n_trials=len(study.pushed) - (study.rest is None),
+        labels=mesh.labels,
+        reaction_nodes=mesh.reaction_nodes.astype(bool),
+        **keywords(study, IdentificationOptions),
     )
+
+
+# ---- the three steps
+
+
+def make_mesh(options: MeshOptions, progress: Progress | None = None) -> LabelMesh:
+    """Mesh the segmentation, or one slice of it."""
+    image = options.segmentation
+    if image is None:
+        raise InputError("no segmentation given: add a labelmap")
+    if options.slice_axis != "none":
+        axis = "ijk".index(options.slice_axis)
+        index = options.slice_index if options.slice_index >= 0 else image.size[axis] // 2
+        image = slice_of_image(image, axis, index)
+    chosen = keywords(options, MeshOptions)
+    chosen["edge_length"] = chosen["edge_length"] or default_edge_length(image)
+    return mesh_segmentation(
+        image, **chosen, seen=getattr(options, "rest", None), progress=progress
+    )
+
+
+def default_edge_length(image) -> float:
+    """Return twelve voxels: the finest edge at which registration still adds information."""
+    spread = [d for d, n in zip(image.spacing, image.size, strict=True) if n > 1]
+    return 12.0 * min(spread, default=1.0)
+
+
+def measure(
+    options: RegistrationOptions,
+    points: np.ndarray,
+    cells: np.ndarray,
+    progress: Progress | None = None,
+):
+    """Return the Registration of the images at the mesh's nodes.
+
+    A planar mesh in a slice of volumes is registered in that slice.
+    """
+    from .imaging.registration import register  # scipy.ndimage and more: not for a look at the mesh
+
+    rest, pushed, mask = options.rest, list(options.pushed), options.mask
+    if cells.shape[1] == 3:
+        rest, pushed, mask = _slices(rest, pushed, mask, points)
+    chosen = keywords(options, RegistrationOptions)
+    return register(rest, pushed, points, cells, mask=mask, **chosen, progress=progress)
+
+
+def _slices(rest, pushed, mask, points):
+    """Return the slices of all images in which a planar mesh lies.
+
+    A volume whose slices lie otherwise than those of the first is put on its grid before.
+    """
+    from .imaging.registration import on_grid_of
+
+    whole = pushed[0] if rest is None else rest
+
+    def cut(image, name):
+        if image is None:
+            return None
+        try:
+            return slice_with_points(image, points)
+        except InputError:
+            if image is whole or whole.planar_axis is not None:
+                raise
+            return slice_with_points(on_grid_of(whole, image, name), points)
+
+    names = [f"pushed (trial {number})" for number in range(1, len(pushed) + 1)]
+    moved = [cut(image, name) for image, name in zip(pushed, names, strict=True)]
+    return cut(rest, "rest"), moved, cut(mask, "mask")
+
+
+def identify_mesh(
+    options: IdentificationOptions,
+    points: np.ndarray,
+    cells,
+    displacements: np.ndarray,
+    *,
+    known=None,
+    names: Mapping[int, str] | None = None,
+    progress: Progress | None = None,
+    **mesh,
+) -> IdentificationResult:
+    """Identify on a mesh with displacements.
+
+    Parameters
+    ----------
+    options : has the options of IdentificationOptions
+    points, cells, displacements
+        As in :func:`~elastoidentify.identify`.
+    known : (n_cells, 2), optional
+        E and ν cell by cell, instead of the known materials of the options.
+    names : {label: name}, optional
+        For the table of labels.
+    **mesh
+        labels, reaction_nodes, information of :func:`~elastoidentify.identify`.
+    """
+    result = identify(
+        points,
+        cells,
+        displacements,
+        known_by_label(options) if known is None else known,
+        **mesh,
+        **keywords(options, IdentificationOptions),
+        progress=progress,
+    )
+    result.report["labels"] = [
+        _with_names_and_units(row, options, result.report["dimension"], names or {})
+        for row in result.statistics
+    ]
+    return result
+
+
+def _with_names_and_units(row: dict, options, dimension: int, names: Mapping[int, str]) -> dict:
+    """Say of a row of the table of labels what it is about, and in which units its figures are."""
+    start = {"label": row["label"], "name": names.get(row["label"], "")}
+    units = {"unit": options.unit, "size unit": options.length_unit + "²³"[dimension - 2]}
+    return start | row | units
+
+
+def known_by_label(options) -> dict[int, tuple[float, float]]:
+    """Return {label: (young, poisson)}."""
+    return {label: (young, poisson) for label, young, poisson in options.known_materials}
 
 
 def cell_blocks(cells: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """Name the kind of the cells of a label mesh: triangles or tetrahedra."""
     return [({3: "triangle", 4: "tetra"}[cells.shape[1]], cells)]
-
-
-def summarise(labels: np.ndarray, result: IdentificationResult) -> dict[int, dict[str, float]]:
-    """Say for every label how many cells it has, what was found in them, and in how many.
-
-    Returns
-    -------
-    {label: {"cells", "identified", "Mu mean", "Mu std", "Mu median", "Lambda mean", …}}
-        ``identified`` is the share of cells, 0 to 1, that are known or identified; the figures are
-        over those cells (std: their spread; NaN where there are none).
-    """
-    found = np.isin(result.status, (STATUS_KNOWN, STATUS_IDENTIFIED))
-    table = {}
-    for label in np.unique(labels):
-        here = labels == label
-        row = {"cells": int(here.sum()), "identified": float(found[here].mean())}
-        for name, attribute in SUMMARY_QUANTITIES.items():
-            values = getattr(result, attribute)[here & found]
-            values = values[np.isfinite(values)]
-            for statistic in (np.mean, np.std, np.median):
-                row[f"{name} {statistic.__name__}"] = (
-                    float(statistic(values)) if len(values) else float("nan")
-                )
-        table[int(label)] = row
-    return table

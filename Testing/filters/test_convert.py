@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from elastoidentify import InputError
 from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.slices import slice_of_image, slice_with_points
+from elastoidentify.results import to_matrices
 from elastoidentify.vtk_io import convert
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import (
@@ -56,7 +58,7 @@ def test_an_image_comes_back_as_it_was(random):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_slice_stays_in_its_place(random, axis):
     image = convert.image_from_vtk(oblique(random))
-    cut = convert.slice_of_image(image, axis, 1)
+    cut = slice_of_image(image, axis, 1)
     assert cut.planar_axis == axis
     index = np.array([2, 2, 1])
     index[axis] = 1
@@ -67,7 +69,7 @@ def test_a_slice_stays_in_its_place(random, axis):
     )
     assert cut.array[tuple(in_cut[::-1])] == image.array[tuple(index[::-1])]
     with pytest.raises(InputError, match="is not in 0…"):
-        convert.slice_of_image(image, axis, 99)
+        slice_of_image(image, axis, 99)
 
 
 def test_images_without_grey_values_are_refused(random):
@@ -151,13 +153,11 @@ def test_trials_are_sorted_by_number_not_by_letter():
 
 
 def test_information_rows_become_symmetric_matrices():
-    matrix = convert.matrices(np.array([[1, 2, 3, 4, 5, 6]]))[0]
+    matrix = to_matrices(np.array([[1, 2, 3, 4, 5, 6]]))[0]
     np.testing.assert_array_equal(matrix, [[1, 4, 6], [4, 2, 5], [6, 5, 3]])
 
 
 def test_a_planar_mesh_picks_its_slice_of_a_volume(random):
-    from elastoidentify.filters.registration import slice_with_points
-
     image = Image(random.normal(size=(5, 6, 7)), [1.0, 2, 3], [0.5, 1, 2], rotation(random))
     index = np.column_stack([random.uniform(0, 6, 9), random.uniform(0, 5, 9), np.full(9, 3.0)])
     cut = slice_with_points(image, image.index_to_world(index))

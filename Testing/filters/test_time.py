@@ -18,7 +18,7 @@ class Series(Filter):
     """A source with one data object per time step."""
 
     def __init__(self, steps, times=None):
-        type(self).output_type = steps[0].GetClassName()
+        type(self).output_types = (steps[0].GetClassName(),)
         super().__init__()
         self._steps = steps
         self._times = times or list(np.arange(len(steps)) * 0.5)
@@ -110,7 +110,7 @@ def test_every_step_of_a_pushed_image_series_is_a_trial(monkeypatch):
 
     seen = []
     monkeypatch.setattr(
-        "elastoidentify.imaging.registration.registration.register",
+        "elastoidentify.imaging.registration.register",
         lambda rest, pushed, *rest_of_it, **settings: (
             seen.append([float(p.array[0, 0, 0]) for p in pushed]) or 1 / 0
         ),

@@ -1,6 +1,7 @@
 """The picture and the table of a map."""
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -9,11 +10,14 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("vtkmodules")
 pytest.importorskip("SimpleITK")
 
+from elastoidentify.fem.elastic_constants import young_from_lame
 from elastoidentify.fem.forward import box_mesh, square_mesh
 from elastoidentify.imaging.image import Image
-from elastoidentify.report.picture import draw
-from elastoidentify.report.table import label_rows, table_text, write_table
+from elastoidentify.inverse.statistics import cell_errors, label_statistics
+from elastoidentify.report.picture import section
+from elastoidentify.report.table import table_text, with_truth, write_table
 from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
+from elastoidentify.vtk_io.picture import draw
 from matplotlib.image import imread
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -117,43 +121,98 @@ def test_pictures_for_print_are_written_too(tmp_path, square, suffix):
     assert [file.name for file in tmp_path.iterdir()] == [f"map.{suffix}"]
 
 
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron"])
+def test_a_section_covers_the_cut_once_each_polygon_in_its_cell(kind):
+    points, cells = box_mesh((3, 3, 3), (1.0, 1.0, 1.0), kind)
+    normal = np.array([0.1, -0.2, 1.0])
+    point = np.array([0.5, 0.5, 0.51])
+    cut, corners, numbers = section(points, [(kind, cells)], point, normal)
+    assert np.abs((cut - point) @ normal).max() < 1e-12
+    area = 0.0
+    for corner, number in zip(corners, numbers, strict=True):
+        polygon = cut[corner]
+        area += (
+            np.linalg.norm(
+                np.cross(polygon - polygon[0], np.roll(polygon, -1, 0) - polygon[0]).sum(0)
+            )
+            / 2
+        )
+        low, high = points[cells[number]].min(0), points[cells[number]].max(0)
+        assert ((polygon > low - 1e-9) & (polygon < high + 1e-9)).all()
+    assert np.isclose(area, np.linalg.norm(normal))  # over the unit square
+
+
 # ---- the table
 
 
-def arrays():
-    return {
-        "Label": np.array([1, 2, 2, 2, 2]),
-        "Status": np.array([1, 2, 2, 0, 3]),
-        "Mu": np.array([5.0, 1.0, 3.0, np.nan, -7.0]),
-        "MuStd": np.array([0.0, 0.2, 0.4, np.nan, 1.0]),
-        "Lambda": np.array([20.0, 4.0, 12.0, np.nan, 1.0]),
-        "LambdaStd": np.array([0.0, 2.0, 4.0, np.nan, 1.0]),
-        "YoungModulus": np.array([14.0, 2.8, 8.4, np.nan, 1.0]),
-        "PoissonRatio": np.array([0.4, 0.4, 0.4, np.nan, 0.1]),
-    }
+def rows(**changed):
+    """Two labels: a pad that is given, tissue of four cells of which two were found."""
+    arrays = {
+        "labels": np.array([1, 2, 2, 2, 2]),
+        "sizes": np.array([4.0, 1.0, 3.0, 2.0, 2.0]),
+        "status": np.array([1, 2, 2, 0, 3]),
+        "lam": np.array([20.0, 4.0, 12.0, np.nan, 1.0]),
+        "mu": np.array([5.0, 1.0, 3.0, np.nan, -7.0]),
+    } | changed
+    errors = np.array([[0, 0], [0.2, -0.2], [0.4, 0.4], [np.nan, np.nan], [1, 1]])
+    one = cell_errors(arrays["lam"], arrays["mu"], 10 * errors, errors * changed.get("scale", 1))
+    arrays.pop("scale", None)
+    return label_statistics(**arrays, errors=one)
 
 
-def test_only_known_and_identified_cells_count():
-    pad, tissue = label_rows(arrays(), {2: {"Mu": 2.5}})
-    assert (pad["cells"], pad["identified"], pad["known"]) == (1, 1.0, True)
-    assert (tissue["cells"], tissue["identified"], tissue["known"]) == (4, 0.5, False)
-    assert (tissue["Mu median"], tissue["Mu mean"], tissue["Mu spread"]) == (2.0, 2.0, 1.0)
-    assert np.isclose(tissue["Mu std"], 0.3)
+def test_only_known_and_identified_cells_count_each_with_its_size():
+    pad, tissue = with_truth(rows(), {2: {"Mu": 2.5}})
+    assert (pad["cells"], pad["size"], pad["determined"], pad["given"]) == (1, 4.0, 1.0, True)
+    assert (tissue["cells"], tissue["size"], tissue["determined"]) == (4, 8.0, 0.5)
+    assert not tissue["given"]
+    assert (tissue["Mu median"], tissue["Mu mean"]) == (2.0, 2.5)
+    assert np.isclose(tissue["Mu spread"], np.sqrt(0.25 * 1.5**2 + 0.75 * 0.5**2))
     assert tissue["Mu true"] == 2.5
     assert np.isnan(pad["Mu true"])
 
 
-def test_the_table_is_written_whole_with_a_row_per_label(tmp_path):
-    write_table(tmp_path / "map.csv", label_rows(arrays()))
-    rows = list(csv.DictReader((tmp_path / "map.csv").open(encoding="utf-8")))
-    assert [row["label"] for row in rows] == ["1", "2"]
-    assert float(rows[1]["Lambda median"]) == 8.0
+def test_the_standard_error_is_that_of_the_mean_with_what_errors_have_in_common():
+    """Samples of the mean: (0.2 + 3·0.4)/4 and (−0.2 + 3·0.4)/4."""
+    _, tissue = rows()
+    assert np.isclose(tissue["Mu standard error"], np.sqrt((0.35**2 + 0.25**2) / 2))
+
+
+def test_errors_that_two_labels_share_cancel_in_their_ratio():
+    """Both labels are off by the same factor: the ratio is exact, the values are not."""
+    mu = np.array([1.0, 2.0, 2.0])
+    errors = cell_errors(4 * mu, mu, 0.4 * mu[:, None], 0.1 * mu[:, None])
+    two = label_statistics(
+        np.array([1, 2, 2]), np.ones(3), np.full(3, 2), 4 * mu, mu, errors, reference=1
+    )
+    assert two[1]["Mu ratio"] == 2.0
+    assert np.isclose(two[1]["Mu standard error"], 0.2)
+    assert two[1]["Mu ratio standard error"] < 1e-15
+
+
+@pytest.mark.parametrize("shift", [1e-6, -1e-6])
+def test_errors_of_young_and_poisson_follow_those_of_lambda_and_mu(shift):
+    lam, mu = np.array([4.0]), np.array([1.5])
+    young, poisson = young_from_lame(lam, mu)
+    for step in ((shift, 0.0), (0.0, shift)):
+        moved = young_from_lame(lam + step[0], mu + step[1])
+        errors = cell_errors(lam, mu, *(np.array([[one]]) for one in step))
+        assert np.isclose(errors.YoungModulus[0, 0], (moved[0] - young)[0], rtol=1e-4)
+        assert np.isclose(errors.PoissonRatio[0, 0], (moved[1] - poisson)[0], rtol=1e-4)
+
+
+def test_the_table_is_written_whole_with_a_row_per_label_and_where_it_comes_from(tmp_path):
+    write_table(tmp_path / "map.csv", rows(), {"elastoidentify": "1"})
+    read = list(csv.DictReader((tmp_path / "map.csv").open(encoding="utf-8")))
+    assert [row["label"] for row in read] == ["1", "2"]
+    assert float(read[1]["Lambda median"]) == 8.0
+    assert json.loads(read[0]["provenance"]) == {"elastoidentify": "1"}
     assert [file.name for file in tmp_path.iterdir()] == ["map.csv"]
 
 
 def test_the_table_for_people_says_what_was_given_and_what_was_found():
-    lines = table_text(label_rows(arrays(), {2: {"Mu": 2.5}}), "kPa", {1: "pad"}).splitlines()
-    assert "μ median (kPa)" in lines[0]
+    named = [{**row, "name": name} for row, name in zip(rows(), ("pad", ""), strict=True)]
+    lines = table_text(with_truth(named, {2: {"Mu": 2.5}}), "kPa").splitlines()
+    assert "μ mean (kPa)" in lines[0]
     assert lines[1].startswith("1 pad")
     assert "given" in lines[1]
     assert "50 %" in lines[2]
@@ -161,9 +220,8 @@ def test_the_table_for_people_says_what_was_given_and_what_was_found():
 
 
 def test_round_off_is_no_error_worth_printing():
-    exact = arrays()
-    exact["Mu"][1:] = 1000 * (1 + 1e-15 * np.arange(4))
-    exact["MuStd"][1:] = 1e-11
-    exact["Status"][1:] = 2
-    row = table_text(label_rows(exact)).splitlines()[2].split()
-    assert row[2:7] == ["100", "%", "1000", "0", "0"]
+    mu = 1000 * (1 + 1e-15 * np.arange(5))
+    exact = rows(mu=mu, lam=4 * mu, status=np.array([1, 2, 2, 2, 2]), scale=1e-11)
+    exact = [{k: 0.0 if "error" in k else v for k, v in row.items()} for row in exact]
+    row = table_text(exact).splitlines()[2].split()
+    assert row[2:8] == ["100", "%", "1000", "0", "1000", "0"]

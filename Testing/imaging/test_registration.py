@@ -20,7 +20,7 @@ from hosts import has_elastix
 from scipy import ndimage
 
 needs_elastix = pytest.mark.skipif(
-    not has_elastix(), reason='needs itk-elastix: pip install "elastoidentify[registration]"'
+    not has_elastix(), reason='needs itk-elastix: pip install ".[registration]"'
 )
 HERE = Path(__file__).parent
 SQUARE = np.array([[40.0, 40, 0], [90, 40, 0], [90, 90, 0], [40, 90, 0]])
@@ -31,7 +31,7 @@ QUAD = np.array([[0, 1, 2, 3]])
 def elastix():
     """One warm worker for the whole module."""
     if not has_elastix():
-        pytest.skip('needs itk-elastix: pip install "elastoidentify[registration]"')
+        pytest.skip('needs itk-elastix: pip install ".[registration]"')
     with ElastixProcess() as process:
         yield process
 
@@ -40,7 +40,7 @@ def elastix():
 def pairs():
     for package, extra in (("skfem", "demo"), ("nilearn", "demo"), ("SimpleITK", "registration")):
         if importlib.util.find_spec(package) is None:
-            pytest.skip(f'needs {package}: pip install "elastoidentify[{extra}]"')
+            pytest.skip(f'needs {package}: pip install ".[{extra}]"')
     sys.path.insert(0, str(HERE))
     try:
         import pairs

@@ -26,7 +26,7 @@ from elastoidentify.workers.elastix_client import ElastixProcess, LogProgress, f
 from hosts import has_elastix
 
 needs_elastix = pytest.mark.skipif(
-    not has_elastix(), reason='needs itk-elastix: pip install "elastoidentify[registration]"'
+    not has_elastix(), reason='needs itk-elastix: pip install ".[registration]"'
 )
 
 
@@ -77,7 +77,7 @@ def quick_map(iterations=50):
 def test_without_itk_elastix_the_error_says_how_to_install_it(monkeypatch):
     monkeypatch.delenv(elastix_client.PYTHON_VARIABLE, raising=False)
     monkeypatch.setattr(elastix_client, "_can_run", lambda python: False)
-    with pytest.raises(InputError, match=r'pip install "elastoidentify\[registration\]"'):
+    with pytest.raises(InputError, match=r'pip install "\.\[registration\]"'):
         ElastixProcess()
 
 

@@ -47,8 +47,12 @@ def squares(n, pattern="paper", pad=0.25, **more):
 
 
 def assert_exactly(one, result, determined, tolerance, within=None):
-    """Every determined cell (`within` steps) right to `tolerance`, every other Status 0 and NaN."""
-    unknown = ~one.known
+    """Every determined cell (`within` steps) right to `tolerance`, every other Status 0 and NaN.
+
+    A walk multiplies round-off from step to step. Where it says itself that more than the
+    tolerance may have been lost that way, `within` takes five of its standard deviations instead.
+    """
+    unknown, allowed = ~one.known, tolerance
     if within is None:
         assert np.array_equal(result.status > 0, determined | one.known)
         within = np.inf
@@ -56,9 +60,12 @@ def assert_exactly(one, result, determined, tolerance, within=None):
         near = bodies.steps_from_known(one) <= within
         assert (result.status[determined & near] > 0).all()
         determined = determined & near & unknown | one.known
+        stated = np.maximum(result.lam_std / one.lam, result.mu_std / one.mu)
+        assert (stated[determined & unknown] < tolerance).mean() > 0.9
+        allowed = np.maximum(tolerance, 5 * stated)[determined & unknown]
     found = determined & unknown
     assert (result.status[found] == 2).all()
-    assert np.nanmax(one.errors(result)[found], initial=0) < tolerance
+    assert (one.errors(result)[found] < allowed).all()
     assert np.array_equal(result.status == 1, one.known)
     for array in (result.lam, result.mu, result.young, result.poisson, result.lam_std):
         assert np.array_equal(np.isnan(array), result.status == 0)
@@ -338,7 +345,7 @@ def test_one_unknown_material_per_label(method, unknowns):
     push_from_above(one, 1.0, DOWN_AND_OBLIQUE[:1])
     more = {"poisson_ratio": 0.4} if unknowns == "young" else {}
     if method == "regularized":
-        more["refine"] = 1  # the forward problem of these data
+        more |= {"refine": 1, "element": "linear"}  # the forward problem of these data
     result = one.identify(method, known={3: (5e3, 0.4)}, labels=labels, grouping="label",
                           unknowns=unknowns, **more)  # fmt: skip
     assert (result.status == np.where(labels == 3, 1, 2)).all()

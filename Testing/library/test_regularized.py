@@ -140,9 +140,18 @@ def test_finite_strain_fit_reads_a_finite_push():
     contrast = {}
     for law in ("neo-hookean", "small-strain"):
         result = ei.identify(
-            points, cells, u, known, reaction_nodes=ends, method="regularized",
-            unknowns="young", poisson_ratio=0.4, kinematics=law, refine=1,
-        )  # fmt: skip
+            points,
+            cells,
+            u,
+            known,
+            reaction_nodes=ends,
+            method="regularized",
+            unknowns="young",
+            poisson_ratio=0.4,
+            kinematics=law,
+            refine=1,
+            element="linear",
+        )  # fmt: skip  (the cells that made the displacements)
         unknown = np.isnan(known[:, 0])
         contrast[law] = np.abs(result.young / young - 1)[unknown].mean()
     print(contrast)
@@ -222,9 +231,18 @@ def test_finite_strain_fit_survives_a_patch_that_is_not_measured():
     information = np.tile(np.eye(2) / 0.002**2, (2, len(points), 1, 1))
     information[:, patch] = np.eye(2)
     result = ei.identify(
-        points, cells, u, known, reaction_nodes=ends, method="regularized", unknowns="young",
-        poisson_ratio=0.45, kinematics="neo-hookean", information=information,
-    )  # fmt: skip
+        points,
+        cells,
+        u,
+        known,
+        reaction_nodes=ends,
+        method="regularized",
+        unknowns="young",
+        poisson_ratio=0.45,
+        kinematics="neo-hookean",
+        information=information,
+        element="linear",
+    )  # fmt: skip  (the cells that made the displacements)
     error, flat = np.abs([result.young / young - 1, 1 / young - 1])[:, np.isnan(known[:, 0])]
     print(f"mean error of E {error.mean():.3f} (flat guess {flat.mean():.3f})")
     assert error.mean() < 2 * flat.mean()

@@ -5,14 +5,16 @@ and an indenter (:mod:`elastoidentify.imaging.phantom`). From its images alone: 
 identification cell by cell and label by label.
 """
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from .. import pipeline
+from ..report.table import with_truth, write_table
 from ..report.terminal import TerminalProgress, figure, peak_memory, seconds, table
+from ..study import Study
 
 SLICE = 92  # of the MNI152 template: ventricles, cortex and white matter
 
@@ -50,10 +52,7 @@ def run_demo(
     start = time.monotonic()
     with output_folder(folder) as folder:  # nothing is written before all is done
         made = _make_phantom(image, slice_index, say)
-        grid = _measure(made, edge_pixels)
-        grid_by_cell = _identify(made, grid, "cell")
-        grid_by_label = _identify(made, grid, "label")
-        report = _deliver(folder, made, grid_by_cell, grid_by_label, say)
+        report = _deliver(folder, made, *_map(made, edge_pixels), say)
     report["seconds"], report["peak_memory"] = time.monotonic() - start, peak_memory()
     memory = report["peak_memory"]
     used = "" if memory is None else f", {memory / 2**30:.2f} GiB of memory at the most"
@@ -63,7 +62,7 @@ def run_demo(
 
 def _make_phantom(image: str | None, slice_index: int | None, say):
     from ..imaging.io import read_image
-    from ..imaging.phantom.planar import make_phantom
+    from ..imaging.phantom import make_phantom
     from ..imaging.phantom.texture import mni152_path, slice_of
 
     if image is None and slice_index is None:
@@ -83,47 +82,44 @@ def _make_phantom(image: str | None, slice_index: int | None, say):
     return made
 
 
-def _measure(made, edge_pixels: float):
-    """Return the mesh of the segmentation with the displacements that the images show."""
-    from ..filters import ElastixNodalDisplacement, SegmentationToTriangleMesh
-    from ..filters.direct import apply
-    from ..vtk_io.convert import image_to_vtk
-
-    mesher = SegmentationToTriangleMesh(
-        edge_length=edge_pixels * made.rest.spacing[0], rigid_labels=made.rigid_labels
-    )
-    with TerminalProgress("mesh") as progress:
-        grid = apply(mesher, image_to_vtk(made.segmentation, "Label"), progress=progress)
-    rest, *pushed = (image_to_vtk(image) for image in (made.rest, *made.pushed))
-    with TerminalProgress("registration") as progress:
-        return apply(ElastixNodalDisplacement(), grid, rest, pushed, progress=progress)
-
-
-def _identify(made, grid, grouping: str):
-    """Return the mesh with Young's modulus per cell or label, Poisson's ratio given."""
-    from ..filters import LameIdentification
-    from ..filters.direct import apply
-
+def _study(made, edge_pixels: float, grouping: str) -> Study:
+    """Return what is asked: λ and μ per cell or label, of images and segmentation alone."""
     pad = made.label("pad")
     material = made.materials[pad]
-    identification = LameIdentification(
+    return Study(
+        segmentation=made.segmentation,
+        rest=made.rest,
+        pushed=made.pushed,
+        edge_length=edge_pixels * made.rest.spacing[0],
+        rigid_labels=made.rigid_labels,
         known_materials={pad: (material.young, material.poisson)},
         method="regularized",
-        unknowns="young",
-        poisson_ratio=material.poisson,
         grouping=grouping,
         kinematics=made.parameters["kinematics"],
     )
-    with TerminalProgress(f"identification per {grouping}") as progress:
-        return apply(identification, grid, progress=progress)
+
+
+def _map(made, edge_pixels: float):
+    """Return the map per cell and per label; one registration serves both."""
+    names = {label: material.name for label, material in made.materials.items()}
+    with TerminalProgress("map per cell") as progress:
+        by_cell = pipeline.run(_study(made, edge_pixels, "cell"), names=names, progress=progress)
+    with TerminalProgress("map per label") as progress:
+        by_label = pipeline.run(
+            _study(made, edge_pixels, "label"),
+            mesh=by_cell.mesh,
+            registration=by_cell.registration,
+            names=names,
+            progress=progress,
+        )
+    return by_cell, by_label
 
 
 def _deliver(folder: Path, made, by_cell, by_label, say) -> dict:
     """Write everything, print the figures, and return them."""
-    from ..imaging.phantom.planar import write_phantom
-    from ..report.picture import draw
-    from ..report.table import RESULT_ARRAYS, label_rows, write_table
-    from ..vtk_io.convert import displacement_names, get_array, get_text, mesh_points
+    from ..imaging.phantom import write_phantom
+    from ..vtk_io.arrays import write_outcome
+    from ..vtk_io.picture import draw
     from ..vtk_io.vtu import write_mesh
 
     write_phantom(folder / "phantom", made)
@@ -133,15 +129,15 @@ def _deliver(folder: Path, made, by_cell, by_label, say) -> dict:
         if m.young is not None
     }
     rows = {}
-    for name, grid in (("map", by_cell), ("map_by_label", by_label)):
-        arrays = {array: get_array(grid.GetCellData(), array) for array in RESULT_ARRAYS}
-        rows[name] = label_rows(arrays, truth)
+    for name, outcome in (("map", by_cell), ("map_by_label", by_label)):
+        grid = write_outcome(outcome)
+        rows[name] = with_truth(outcome.result.statistics, truth)
         write_mesh(folder / f"{name}.vtu", grid)
-        write_table(folder / f"{name}.csv", rows[name])
+        write_table(folder / f"{name}.csv", rows[name], outcome.provenance)
         draw(folder / f"{name}.png", grid, made.rest)
 
-    measured = [get_array(by_cell.GetPointData(), name) for name in displacement_names(by_cell)]
-    miss = (np.array(measured) - made.displacements(mesh_points(by_cell))) / made.rest.spacing[0]
+    exact = made.displacements(by_cell.mesh.points)
+    miss = (by_cell.displacements - exact) / made.rest.spacing[0]
     rms = np.sqrt((miss**2).sum(-1).mean(-1))
     say("registration: RMS error of the nodes " + ", ".join(f"{e:.2f}" for e in rms) + " pixels")
     say("")
@@ -152,9 +148,8 @@ def _deliver(folder: Path, made, by_cell, by_label, say) -> dict:
     say("")
     for name, value in zip(("per cell", "per label"), found, strict=True):
         say(f"contrast of the inclusion {name}: {figure(value)} (true {true:g})")
-    for name, grid in (("per cell", by_cell), ("per label", by_label)):
-        report = json.loads(get_text(grid, "IdentificationReport"))
-        for warning in report.get("warnings", []):
+    for name, outcome in (("per cell", by_cell), ("per label", by_label)):
+        for warning in outcome.result.report["warnings"]:
             say(f"warning ({name}): {warning}")
     say(f"\npicture, meshes and tables are in {folder}")
     return {
@@ -177,20 +172,24 @@ def _comparison(made, rows: dict, truth: dict) -> str:
     """Return μ of every label: true, found both ways, and the guess that all is like the pad."""
     flat = truth[made.label("pad")]["Mu"]
     by_label = {row["label"]: row for row in rows["map_by_label"]}
-    header = ["μ (Pa)", "cells", "true", "per cell (median)", "found", "per label", "flat guess"]
+    header = ["μ (Pa)", "cells", "true", "per cell (mean)", "found", "per label", "flat guess"]
     lines = []
     for row in rows["map"]:
         label = row["label"]
-        given = row["known"]
+        given = row["given"]
         lines.append(
             [
                 f"{label} {made.materials[label].name}",
                 str(row["cells"]),
                 figure(truth[label]["Mu"]),
-                "given" if given else f"{figure(row['Mu median'])} ± {figure(row['Mu std'], 2)}",
-                "" if given else f"{100 * row['identified']:.0f} %",
-                "given" if given else figure(by_label[label]["Mu median"]),
+                "given" if given else _with_error(row),
+                "" if given else f"{100 * row['determined']:.0f} %",
+                "given" if given else _with_error(by_label[label]),
                 figure(flat),
             ]
         )
     return table(header, lines)
+
+
+def _with_error(row: dict) -> str:
+    return f"{figure(row['Mu mean'])} ± {figure(row['Mu standard error'], 2)}"

@@ -16,7 +16,7 @@ def partial_connection_matrices(block: Block) -> tuple[np.ndarray, np.ndarray]:
     from .constitutive import SmallStrain
 
     rest = np.zeros((*block.weights.shape, block.cell.dim, block.cell.dim))
-    return tuple(_integrate_tangent(block, part) for part in SmallStrain().tangent(rest))
+    return tuple(integrate_tangent(block, part) for part in SmallStrain().tangent(rest))
 
 
 def cell_forces(block: Block, law: Kinematics, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,21 +60,28 @@ def internal_forces(mesh: Mesh, law: Kinematics, u: np.ndarray, lam, mu) -> np.n
 
 def tangent_stiffness(mesh: Mesh, law: Kinematics, u: np.ndarray, lam, mu) -> sp.csr_matrix:
     """Return K = ∂(Σ f)/∂u at displacement u (n_nodes, d). Shape (n_dofs, n_dofs)."""
-    rows, cols, values = [], [], []
+    parts = []
     for block in mesh.blocks:
         per_lam, per_mu = law.tangent(block.gradient(u))
         m = (slice(None), *(None,) * 5)
         tangent = lam[block.ids][m] * per_lam + mu[block.ids][m] * per_mu
-        dofs = block.dofs
-        rows.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
-        cols.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
-        values.append(_integrate_tangent(block, tangent).ravel())
-    place = (np.concatenate(rows), np.concatenate(cols))
-    return sp.csr_matrix((np.concatenate(values), place), (mesh.n_dofs, mesh.n_dofs))
+        parts.append(integrate_tangent(block, tangent))
+    return assemble(mesh, parts)
 
 
-def _integrate_tangent(block, tangent):
-    """K_{ai,bk} = Σ_q w_q ∂P_ij/∂H_kl ∇_jN_a ∇_lN_b, for tangent (n, q, d, d, d, d)."""
+def assemble(mesh: Mesh, parts: list[np.ndarray]) -> sp.csr_matrix:
+    """Return the sum of cell matrices, one array (n, k·d, k·d) per block. (n_dofs, n_dofs)"""
+    slot, indices, indptr = mesh.matrix_pattern
+    values = np.concatenate([part.ravel() for part in parts])
+    data = np.bincount(slot, values, len(indices))
+    return sp.csr_matrix((data, indices, indptr), (mesh.n_dofs, mesh.n_dofs))
+
+
+def integrate_tangent(block, tangent):
+    """Return K_{ai,bk} = Σ_q w_q ∂P_ij/∂H_kl ∇_jN_a ∇_lN_b, (n, k·d, k·d).
+
+    `tangent` is ∂P/∂H at the Gauss points, (n, q, d, d, d, d).
+    """
     n, size = len(block.ids), block.cell.n_nodes * block.cell.dim
     half = np.einsum("nqijkl,nqbl->nqijbk", tangent, block.gradients, optimize=True)
     stiffness = np.einsum(

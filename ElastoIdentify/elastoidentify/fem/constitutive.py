@@ -1,10 +1,13 @@
 """Kinematics: elastic laws whose nodal forces are linear in λ and μ.
 
-To add one, add a small class to :data:`KINEMATICS`: the first Piola-Kirchhoff stress per unit λ and
-per unit μ as functions of the displacement gradient H = ∂u/∂x, and their derivatives by it; F = I +
-H is the deformation gradient. Written in H, the laws keep all digits of small displacements.
-Formulas: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis (2008),
-chapter 6.
+The strain energy is μ W_μ(H) + ½ λ I(H)², with H = ∂u/∂x the displacement gradient, F = I + H the
+deformation gradient, and I a measure of the change of volume: tr ε, tr E or ln J. I is written as
+a function g of a *dilatation* d(H) of which means over several cells can be taken (tr ε, tr E,
+J − 1): that is all that cells without locking need (:mod:`.cells`).
+
+To add a law, add a small class to :data:`KINEMATICS`. Written in H, the laws keep all digits of
+small displacements. Formulas: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element
+Analysis (2008), chapter 6.
 
 In plane strain F has the third diagonal entry 1, which leaves all three laws in the plane.
 """
@@ -15,7 +18,7 @@ import numpy as np
 
 
 class Kinematics(Protocol):
-    """An elastic law P(H) = λ P_λ(H) + μ P_μ(H)."""
+    """An elastic law P(H) = λ P_λ(H) + μ P_μ(H), the first Piola-Kirchhoff stress."""
 
     name: str
     linear: bool  # is P linear in H?
@@ -25,6 +28,24 @@ class Kinematics(Protocol):
 
     def tangent(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ∂P_λ/∂H, ∂P_μ/∂H, both (…, d, d, d, d): [i, j, k, l] = ∂P_ij/∂H_kl."""
+
+    def shear_stress(self, H: np.ndarray) -> np.ndarray:
+        """Return P_μ."""
+
+    def shear_tangent(self, H: np.ndarray) -> np.ndarray:
+        """Return ∂P_μ/∂H."""
+
+    def dilatation(self, H: np.ndarray) -> np.ndarray:
+        """Return d(H), (…)."""
+
+    def dilatation_slope(self, H: np.ndarray) -> np.ndarray:
+        """Return ∂d/∂H, (…, d, d)."""
+
+    def dilatation_curvature(self, H: np.ndarray) -> np.ndarray | None:
+        """Return ∂²d/∂H², (…, d, d, d, d), or None where it is zero."""
+
+    def volume_strain(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return p = g g′ and p′, for the energy ½ λ g(d)²: stress and stiffness against d."""
 
 
 def _eye(H):
@@ -36,7 +57,7 @@ def _outer(A, B):
 
 
 def _trace(A):
-    return np.trace(A, axis1=-2, axis2=-1)[..., None, None]
+    return np.trace(A, axis1=-2, axis2=-1)
 
 
 def _transpose(A):
@@ -48,78 +69,130 @@ def _green(H):
     return (H + _transpose(H) + _transpose(H) @ H) / 2
 
 
-class SmallStrain:
+def _spread(scalar, n):
+    return np.asarray(scalar)[(...,) + (None,) * n]
+
+
+class _Law:
+    """P_λ and its derivative from the dilatation, by the chain rule."""
+
+    def stress(self, H):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pressure, _ = self.volume_strain(self.dilatation(H))
+        return _spread(pressure, 2) * self.dilatation_slope(H), self.shear_stress(H)
+
+    def tangent(self, H):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pressure, stiffness = self.volume_strain(self.dilatation(H))
+        slope, curvature = self.dilatation_slope(H), self.dilatation_curvature(H)
+        lam = _spread(stiffness, 4) * _outer(slope, slope)
+        if curvature is not None:
+            lam = lam + _spread(pressure, 4) * curvature
+        return lam, self.shear_tangent(H)
+
+
+class _TraceMeasure(_Law):
+    """I = d, a trace."""
+
+    def volume_strain(self, d):
+        return d, np.ones_like(d)
+
+
+class SmallStrain(_TraceMeasure):
     """Hooke's law: P_λ = tr(ε) I, P_μ = 2ε, ε = sym H."""
 
     name = "small-strain"
     linear = True
 
-    def stress(self, H):
-        return _trace(H) * _eye(H), H + _transpose(H)
+    def shear_stress(self, H):
+        return H + _transpose(H)
 
-    def tangent(self, H):
+    def shear_tangent(self, H):
         eye = _eye(H)
-        mu = np.einsum("...ik,...jl->...ijkl", eye, eye) + np.einsum(
+        return np.einsum("...ik,...jl->...ijkl", eye, eye) + np.einsum(
             "...il,...jk->...ijkl", eye, eye
         )
-        return _outer(eye, eye), mu
+
+    def dilatation(self, H):
+        return _trace(H)
+
+    def dilatation_slope(self, H):
+        return _eye(H)
+
+    def dilatation_curvature(self, H):
+        return None
 
 
-class StVenantKirchhoff:
+class StVenantKirchhoff(_TraceMeasure):
     """S = λ tr(E) I + 2μE, P = F S, E = ½(FᵀF − I)."""
 
     name = "st-venant-kirchhoff"
     linear = False
 
-    def stress(self, H):
-        F, E = _eye(H) + H, _green(H)
-        return _trace(E) * F, 2 * F @ E
+    def shear_stress(self, H):
+        return 2 * (_eye(H) + H) @ _green(H)
 
-    def tangent(self, H):
+    def shear_tangent(self, H):
         eye, E = _eye(H), _green(H)
         F = eye + H
-        unit = np.einsum("...ik,...jl->...ijkl", eye, eye)
-        lam = _trace(E)[..., None, None] * unit + _outer(F, F)
         FFt = F @ _transpose(F)
-        mu = (
+        return (
             2 * np.einsum("...ik,...lj->...ijkl", eye, E)
             + np.einsum("...il,...kj->...ijkl", F, F)
             + np.einsum("...ik,...jl->...ijkl", FFt, eye)
         )
-        return lam, mu
+
+    def dilatation(self, H):
+        return _trace(_green(H))
+
+    def dilatation_slope(self, H):
+        return _eye(H) + H
+
+    def dilatation_curvature(self, H):
+        eye = _eye(H)
+        return np.einsum("...ik,...jl->...ijkl", eye, eye)
 
 
-class NeoHookean:
-    """Compressible neo-Hookean: P = μ(F − F⁻ᵀ) + λ ln J F⁻ᵀ, J = det F > 0."""
+class NeoHookean(_Law):
+    """Compressible neo-Hookean: P = μ(F − F⁻ᵀ) + λ ln J F⁻ᵀ, J = det F > 0; d = J − 1."""
 
     name = "neo-hookean"
     linear = False
 
-    def stress(self, H):
-        inverse_t = self._inverse_t(H)
+    def shear_stress(self, H):
         # F − F⁻ᵀ = F⁻ᵀ(FᵀF − I)
-        return self._log_det(H) * inverse_t, inverse_t @ (2 * _green(H))
+        return self._inverse_t(H) @ (2 * _green(H))
 
-    def tangent(self, H):
+    def shear_tangent(self, H):
         eye, inverse_t = _eye(H), self._inverse_t(H)
         # ∂(F⁻ᵀ)_ij/∂F_kl = −F⁻ᵀ_il F⁻ᵀ_kj
-        change = -np.einsum("...il,...kj->...ijkl", inverse_t, inverse_t)
-        lam = _outer(inverse_t, inverse_t) + self._log_det(H)[..., None, None] * change
-        return lam, np.einsum("...ik,...jl->...ijkl", eye, eye) - change
+        change = np.einsum("...il,...kj->...ijkl", inverse_t, inverse_t)
+        return np.einsum("...ik,...jl->...ijkl", eye, eye) + change
+
+    def dilatation(self, H):
+        # det(I + H) − 1 is the sum of the principal minors of H of every order
+        trace = _trace(H)
+        minors = trace + np.linalg.det(H)
+        if H.shape[-1] == 3:
+            minors = minors + (trace**2 - _trace(H @ H)) / 2
+        return minors
+
+    def dilatation_slope(self, H):
+        return _spread(1 + self.dilatation(H), 2) * self._inverse_t(H)
+
+    def dilatation_curvature(self, H):
+        inverse_t = self._inverse_t(H)
+        change = np.einsum("...il,...kj->...ijkl", inverse_t, inverse_t)
+        return _spread(1 + self.dilatation(H), 4) * (_outer(inverse_t, inverse_t) - change)
+
+    def volume_strain(self, d):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log = np.log1p(d)
+            return log / (1 + d), (1 - log) / (1 + d) ** 2
 
     @staticmethod
     def _inverse_t(H):
         return _transpose(np.linalg.inv(_eye(H) + H))
-
-    @staticmethod
-    def _log_det(H):
-        # det(I + H) − 1 is the sum of the principal minors of H of every order
-        trace = np.trace(H, axis1=-2, axis2=-1)
-        minors = trace + np.linalg.det(H)
-        if H.shape[-1] == 3:
-            minors += (trace**2 - np.trace(H @ H, axis1=-2, axis2=-1)) / 2
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.log1p(minors)[..., None, None]
 
 
 KINEMATICS: dict[str, Kinematics] = {

@@ -78,6 +78,26 @@ class Mesh:
         return sp.csr_matrix((np.ones(len(rows)), (rows, cols)), shape)
 
     @cached_property
+    def matrix_pattern(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where the entries of cell matrices go in their sum: once for many assemblies.
+
+        Returns
+        -------
+        slot : (Σ n·(k·d)²,) int
+            Entry of the sum that each entry of the blocks' matrices (n, k·d, k·d) is added to.
+        indices, indptr : int arrays
+            The sum's pattern, compressed by rows.
+        """
+        keys = []
+        for block in self.blocks:
+            dofs = block.dofs.astype(np.int64)
+            keys.append((dofs[:, :, None] * self.n_dofs + dofs[:, None, :]).ravel())
+        unique, slot = np.unique(np.concatenate(keys), return_inverse=True)
+        rows, indices = np.divmod(unique, self.n_dofs)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.n_dofs))])
+        return slot.ravel(), indices.astype(np.int32), indptr.astype(np.int32)
+
+    @cached_property
     def volumes(self) -> np.ndarray:
         """Area or volume of each cell. Shape (n_cells,)."""
         volumes = np.empty(self.n_cells)

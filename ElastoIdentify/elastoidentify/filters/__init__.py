@@ -21,7 +21,7 @@ other and with VTK's own::
 
 from .base import Filter
 from .identification import LameIdentification
-from .meshing import SegmentationToTriangleMesh
+from .meshing import SegmentationToMesh, SegmentationToTriangleMesh
 from .phantom import PushingPhantom
 from .registration import ElastixNodalDisplacement
 
@@ -30,5 +30,6 @@ __all__ = [
     "Filter",
     "LameIdentification",
     "PushingPhantom",
+    "SegmentationToMesh",
     "SegmentationToTriangleMesh",
 ]

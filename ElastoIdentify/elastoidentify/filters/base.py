@@ -12,6 +12,7 @@ import difflib
 import re
 import weakref
 from dataclasses import dataclass
+from typing import ClassVar
 
 from vtkmodules.util.misc import calldata_type
 from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
@@ -27,7 +28,8 @@ from vtkmodules.vtkCommonExecutionModel import (
 )
 
 from ..errors import Cancelled, InputError
-from .options import Option
+from ..options import Option, Picture, Table, options_of
+from .settings import add_settings
 
 failure_listeners = []
 """Callables ``listener(filter, exception)`` that a host adds to learn of every failure."""
@@ -35,7 +37,7 @@ failure_listeners = []
 
 @dataclass(frozen=True)
 class Port:
-    """An input port: what it is called, the type of its data, whether it takes several.
+    """An input port: what it is called, the type of its data, whether it takes several or none.
 
     Every time step of what is connected to a port `over_time` is one more of its data objects,
     while the filter's ``time_steps_as_trials`` is on.
@@ -45,14 +47,17 @@ class Port:
     data_type: str
     repeatable: bool = False
     over_time: bool = False
+    optional: bool = False
 
 
 class Filter(VTKPythonAlgorithmBase):
     """A VTK filter whose settings are keywords and properties, and whose failures raise.
 
-    A subclass declares `ports`, its options (see :mod:`.options`) and ``execute``, which gets one
-    argument per port (a list where the port is repeatable or over time) and the progress callable,
-    and returns the output. It raises what it has to; nothing of a failed run reaches the output.
+    A subclass declares `ports`, its options (those of the `tables` of :mod:`elastoidentify.study`,
+    and its own, see :mod:`elastoidentify.options`) and ``execute``, which gets one argument per
+    port (a list where the port is repeatable or over time, None where an optional one is empty) and
+    the progress callable, and returns the output, or a tuple of one per output port. It raises
+    what it has to; nothing of a failed run reaches the output.
 
     Parameters
     ----------
@@ -61,13 +66,23 @@ class Filter(VTKPythonAlgorithmBase):
     """
 
     ports: tuple[Port, ...] = ()
-    output_type = "vtkUnstructuredGrid"
+    output_types: tuple[str, ...] = ("vtkUnstructuredGrid",)
+    _of_tables: ClassVar[dict[str, Option]] = {}
+
+    def __init_subclass__(cls, tables: tuple[type[Table], ...] = (), **more):
+        super().__init_subclass__(**more)
+        for table in tables:
+            cls._of_tables = {**cls._of_tables, **table.options()}
+        add_settings(cls, {**cls._of_tables, **options_of(cls)})
 
     def __init__(self, **settings):
         self._errors, self._depth = [], 0
         self._step, self._earlier = 0, {}
         VTKPythonAlgorithmBase.__init__(
-            self, nInputPorts=len(self.ports), nOutputPorts=1, outputType=self.output_type
+            self,
+            nInputPorts=len(self.ports),
+            nOutputPorts=len(self.output_types),
+            outputType=self.output_types[0],
         )
         self.AddObserver("StartEvent", _run_starts)
         self.AddObserver("EndEvent", _run_ends)
@@ -87,10 +102,13 @@ class Filter(VTKPythonAlgorithmBase):
     @classmethod
     def options(cls) -> dict[str, Option]:
         """Return the options of the class by name, in the order of declaration."""
-        found = {}
-        for base in reversed(cls.__mro__):
-            found.update({k: v for k, v in vars(base).items() if isinstance(v, Option)})
-        return found
+        settings = {**cls._of_tables, **options_of(cls)}
+        return {k: v for k, v in settings.items() if not isinstance(v, Picture)}
+
+    def choices(self, table: type[Table]) -> Table:
+        """Return the filter's settings that a table declares; its images are to be filled in."""
+        names = [k for k, v in table.options().items() if not isinstance(v, Picture)]
+        return table(**{name: getattr(self, name) for name in names})
 
     def _unknown(self, name: str) -> str:
         near = difflib.get_close_matches(name, dir(type(self)), n=1)
@@ -109,6 +127,11 @@ class Filter(VTKPythonAlgorithmBase):
         info.Set(vtkAlgorithm.INPUT_IS_OPTIONAL(), 1)
         if self.ports[port].repeatable:
             info.Set(vtkAlgorithm.INPUT_IS_REPEATABLE(), 1)
+        return 1
+
+    def FillOutputPortInformation(self, port, info):
+        """Declare what each output port gives."""
+        info.Set(vtkDataObject.DATA_TYPE_NAME(), self.output_types[port])
         return 1
 
     def SetInputData(self, *port_and_data):
@@ -155,8 +178,8 @@ class Filter(VTKPythonAlgorithmBase):
 
     def RequestData(self, request, inInfo, outInfo):
         """Run, and publish the result only if all went well."""
-        info = outInfo.GetInformationObject(0)
-        output = info.Get(vtkDataObject.DATA_OBJECT())
+        infos = [outInfo.GetInformationObject(i) for i in range(len(self.output_types))]
+        outputs = [info.Get(vtkDataObject.DATA_OBJECT()) for info in infos]
         try:
             self._refuse_failed_inputs()
             inputs = list(self._inputs(inInfo))
@@ -164,16 +187,21 @@ class Filter(VTKPythonAlgorithmBase):
                 request.Set(_Pipeline.CONTINUE_EXECUTING(), 1)
                 return 1
             request.Remove(_Pipeline.CONTINUE_EXECUTING())
-            output.ShallowCopy(self.execute(*inputs, progress=self._report))
+            made = self.execute(*inputs, progress=self._report)
+            made = made if isinstance(made, tuple) else (made,)
+            for output, one in zip(outputs, made, strict=True):
+                output.ShallowCopy(one)
         except (Exception, KeyboardInterrupt) as error:
             request.Remove(_Pipeline.CONTINUE_EXECUTING())
             self._step, self._earlier = 0, {}
             if not isinstance(error, _FailedBefore):
                 self._fail(error)
-            output.Initialize()
+            for output in outputs:
+                output.Initialize()
             if self.GetExecutive().IsA("vtkPVCompositeDataPipeline"):
                 return 1  # ParaView shows the empty output, and errors of its own for a 0
-            info.Set(_Pipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
+            for info in infos:
+                info.Set(_Pipeline.DATA_NOT_GENERATED(), 1)  # the next update tries again
             return 0
         return 1
 
@@ -185,6 +213,9 @@ class Filter(VTKPythonAlgorithmBase):
                 vector.GetInformationObject(i).Get(vtkDataObject.DATA_OBJECT())
                 for i in range(vector.GetNumberOfInformationObjects())
             ]
+            if not objects and port.optional:
+                yield None
+                continue
             if not objects:
                 raise InputError(
                     f"no {port.name} given: connect a {port.data_type} to input port {number}"

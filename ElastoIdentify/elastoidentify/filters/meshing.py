@@ -5,13 +5,14 @@ import contextlib
 import numpy as np
 
 from ..errors import InputError
-from ..vtk_io.convert import image_from_vtk, mesh_to_vtk, set_array, set_text, slice_of_image
+from ..options import Text
+from ..study import MeshOptions
+from ..vtk_io.convert import image_from_vtk
 from .base import Filter, Port
-from .options import Choice, Flag, Number, Rows, Text
 from .selection import Selection
 
 
-class SegmentationToTriangleMesh(Filter):
+class SegmentationToMesh(Filter, tables=(MeshOptions,)):
     """Mesh a labelmap: triangles of one slice, tetrahedra of a volume.
 
     Input: vtkImageData with one whole number per voxel, 0 where there is nothing. Output: a mesh
@@ -22,34 +23,8 @@ class SegmentationToTriangleMesh(Filter):
 
     ports = (Port("segmentation", "vtkImageData"),)
 
-    edge_length = Number(
-        0.0,
-        "Length of the cells' edges in the image's length unit. 0: twelve times the smallest "
-        "spacing of the image.",
-        minimum=0.0,
-    )
-    label_array = Text("", "Point array with the labels; empty: the active scalars.")
-    slice_axis = Choice(
-        "none",
-        "Mesh one slice across this image axis instead of the whole volume.",
-        ("none", "i", "j", "k"),
-    )
-    slice_index = Number(0, "Number of that slice, from 0.", minimum=0, kind=int)
-    border_reactions = Flag(
-        True,
-        "An outside body may push at the image's border: no force balance there.",
-    )
-    rigid_labels = Rows(
-        "RigidLabel",
-        "Labels of rigid bodies. They are not meshed, and may push where they touch the tissue.",
-        ["label"],
-        kinds=[int],
-    )
-    reaction_boxes = Rows(
-        "ReactionBox",
-        "Boxes (x0, x1, y0, y1[, z0, z1] in the world) in which an outside body may push.",
-        ["x0", "x1", "y0", "y1", "z0", "z1"],
-        lengths=[4, 6],
+    label_array = Text(
+        "", "Point array with the labels; empty: the active scalars.", group="Mesh", advanced=True
     )
 
     def __init__(self, **settings):
@@ -81,39 +56,13 @@ class SegmentationToTriangleMesh(Filter):
 
     def execute(self, segmentation, progress):
         """Return the mesh."""
-        from ..imaging.meshing import mesh_segmentation
+        from ..vtk_io.steps import meshed
 
-        image = image_from_vtk(segmentation, "segmentation", self.label_array)
-        if self.slice_axis != "none":
-            image = slice_of_image(image, "ijk".index(self.slice_axis), self.slice_index)
-        mesh = mesh_segmentation(
-            _whole_numbers(image),
-            self.edge_length or default_edge_length(image),
-            rigid_labels=(*self.rigid_labels, *map(int, self._rigid.chosen())),
-            reaction_boxes=self.reaction_boxes,
-            border_reactions=self.border_reactions,
-            progress=progress,
-        )
-        grid = mesh_to_vtk(mesh.points, mesh.cells)
-        set_array(grid.GetCellData(), "Label", np.asarray(mesh.labels, np.int32))
-        grid.GetCellData().SetActiveScalars("Label")  # what a host shows first
-        set_array(grid.GetPointData(), "ReactionNodes", np.asarray(mesh.reaction_nodes, np.uint8))
-        set_text(grid, "MeshNotes", "\n".join(mesh.notes))
-        return grid
+        chosen = self.choices(MeshOptions)
+        chosen.segmentation = image_from_vtk(segmentation, "segmentation", self.label_array)
+        chosen.rigid_labels = (*self.rigid_labels, *map(int, self._rigid.chosen()))
+        return meshed(chosen, progress)
 
 
-def default_edge_length(image) -> float:
-    """Return twelve voxels: the finest edge at which registration still adds information."""
-    spread = [d for d, n in zip(image.spacing, image.size, strict=True) if n > 1]
-    return 12.0 * min(spread, default=1.0)
-
-
-def _whole_numbers(image):
-    """Return the labels as int32: images in files and in ParaView often come as floats."""
-    labels = np.asarray(image.array)
-    if not np.all(np.isfinite(labels)) or np.any(labels != np.round(labels)):
-        raise InputError(
-            "the segmentation has values that are not whole numbers: give a labelmap, not a grey "
-            "image or one resampled with interpolation"
-        )
-    return image.with_array(labels.astype(np.int32))
+class SegmentationToTriangleMesh(SegmentationToMesh):
+    __doc__ = SegmentationToMesh.__doc__

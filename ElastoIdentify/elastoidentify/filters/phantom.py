@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ..fem.constitutive import KINEMATICS
+from ..options import Choice, Number, Rows, Vector
 from ..progress import part
+from ..study import LAWS
 from ..vtk_io.convert import mesh_to_vtk, set_array, vectors
 from .base import Filter
-from .options import Choice, Number, Rows, Vector
 
 PAD, TISSUE, INCLUSION = 1, 2, 3
 
@@ -54,7 +54,7 @@ class PushingPhantom(Filter):
         ["x", "y", "z"],
         lengths=[2, 3],
     )
-    kinematics = Choice("small-strain", "Small strain, or a finite-strain law.", KINEMATICS)
+    kinematics = Choice("small-strain", "Small strain, or a finite-strain law.", LAWS)
     noise = Number(
         0.0, "Standard deviation of the noise on every displacement component (m).", minimum=0.0
     )
@@ -75,6 +75,8 @@ class PushingPhantom(Filter):
         set_array(grid.GetCellData(), "TrueLambda", lam)
         set_array(grid.GetCellData(), "TrueMu", mu)
         set_array(grid.GetPointData(), "ReactionNodes", held.astype(np.uint8))
+        border = ((points == points.min(axis=0)) | (points == points.max(axis=0))).any(axis=1)
+        set_array(grid.GetPointData(), "OuterBorder", border.astype(np.uint8))
         trials = self._pushed(points, cells, lam, mu, held, progress)
         for number, displacement in enumerate(trials, 1):
             set_array(grid.GetPointData(), f"Displacement_{number}", vectors(displacement))

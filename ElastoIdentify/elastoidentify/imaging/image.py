@@ -24,12 +24,15 @@ class Image:
         Distance of voxel centres along i, j, k.
     direction : ndarray, shape (3, 3)
         Columns are the unit vectors of the i, j, k axes in the world.
+    notes : tuple of str
+        Sentences on what was assumed when it was read.
     """
 
     array: np.ndarray
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     spacing: np.ndarray = field(default_factory=lambda: np.ones(3))
     direction: np.ndarray = field(default_factory=lambda: np.eye(3))
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         array = np.asarray(self.array)
@@ -70,4 +73,4 @@ class Image:
 
     def with_array(self, array: np.ndarray) -> "Image":
         """Return another image of the same geometry."""
-        return Image(array, self.origin, self.spacing, self.direction)
+        return Image(array, self.origin, self.spacing, self.direction, self.notes)

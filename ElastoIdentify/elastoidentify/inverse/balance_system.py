@@ -44,7 +44,7 @@ class BalanceSystem:
         self.n_trials = len(displacements)
         touches = mesh.node_cells @ (~unknowns.known).astype(float) > 0
         self.nodes = np.flatnonzero(touches & ~reaction)
-        self.A, self.b = self._assemble()
+        self.A, self.b = self._assemble(displacements)
 
     @property
     def rows_per_node(self) -> int:
@@ -55,10 +55,10 @@ class BalanceSystem:
         """Degrees of freedom of the equations' nodes, (n_eq_nodes, d)."""
         return self.nodes[:, None] * self.mesh.dim + np.arange(self.mesh.dim)
 
-    def _assemble(self):
+    def _assemble(self, displacements):
         blocks, right = [], []
         rows = self.dofs.ravel()
-        for u in self.displacements:
+        for u in displacements:
             per_lam, per_mu = force_matrices(self.mesh, self.law, u)
             known = per_lam @ self.unknowns.lam_known + per_mu @ self.unknowns.mu_known
             blocks.append((per_lam @ self.unknowns.lam + per_mu @ self.unknowns.mu).tocsr()[rows])
@@ -75,6 +75,23 @@ class BalanceSystem:
     def residual(self, theta: np.ndarray) -> np.ndarray:
         """Return A θ − b, the force left over."""
         return self.A @ theta - self.b
+
+    def column_errors(self, samples: int = 4) -> np.ndarray:
+        """Return what rounding of the displacements leaves in A's columns, relative. (n_params,)
+
+        Displacements are differences of positions that the user's programs rounded; where a trial
+        is mostly rigid motion, that is much of a strain. Rounding is random and so small that A is
+        linear in it; it is scaled up for the difference not to be lost itself.
+        """
+        rng, scale = np.random.default_rng(0), 1e5
+        size = np.abs(self.displacements).max(axis=(1, 2), keepdims=True)
+        square = np.zeros(self.A.shape[1])
+        for _ in range(samples):
+            rounding = np.finfo(float).eps * size * rng.standard_normal(self.displacements.shape)
+            change = self._assemble(self.displacements + scale * rounding)[0] - self.A
+            square += np.asarray(change.multiply(change).sum(axis=0)).ravel() / samples
+        norm = np.sqrt(np.asarray(self.A.multiply(self.A).sum(axis=0)).ravel())
+        return np.sqrt(square) / scale / np.where(norm > 0, norm, np.inf)
 
     def stiffness_rows(self, theta: np.ndarray) -> list[sp.csr_matrix]:
         """Return ∂(equations of a trial)/∂u for each trial, (n_eq_nodes·d, n_dofs).

@@ -46,12 +46,13 @@ def global_(problem: Problem, progress: Progress | None = None) -> Estimate:
     """Solve all balance equations by least squares; null space by a rank-revealing QR."""
     system = _system(problem)
     per_group = problem.unknowns.per_group
-    factor = FrontQR(
+    factor = FrontQR.revealing(
         system.A,
         system.b,
         np.repeat(system.node_level, system.rows_per_node),
         np.repeat(system.group_level, per_group),
         part(progress, 0, 0.9),
+        system.column_errors(),
     )
     theta = factor.solution()
     free = factor.undetermined()
@@ -66,7 +67,7 @@ def global_(problem: Problem, progress: Progress | None = None) -> Estimate:
     return estimate_from_theta(
         problem, theta, errors, method="global", noise_scale=scale,
         redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),
-        null_space=len(factor.dead), conditioning=factor.condition(),
+        null_space=len(factor.dependent), conditioning=factor.condition(),
     )  # fmt: skip
 
 

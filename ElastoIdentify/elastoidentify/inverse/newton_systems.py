@@ -1,122 +1,273 @@
-"""Solvers of the Gauss-Newton system of the regularized fit, H = P + Σ_t R_tᵀ (σ² S_t)⁻¹ R_t.
+"""Solvers of the Gauss-Newton system of the regularized fit.
 
-Neither forms H or a sensitivity. In the plane one sparse factorisation of the quasi-definite matrix
+Unknown are changes of the parameters, dx, and of the held nodes' motion, db of each trial; the free
+nodes follow from balance (:mod:`.equilibrium`), and J maps both to the measured numbers:
+
+    (P + Σ Jᵀ W J / σ²) (dx, db) = (p, 0) + Σ Jᵀ W v / σ²
+
+with p a force on the parameters (the prior's gradient, or a sample of the prior) and v changes of
+the measured numbers (the residuals, or a sample of their errors). Neither solver forms the matrix.
+
+In space conjugate gradients take products: one forward and one adjoint solution with factors of
+K_ff, all trials and columns in one block, preconditioned by P and the weights of the held nodes. In
+the plane, where displacements are all that is measured, one sparse factorisation is cheaper: the
+held motion is eliminated in the norm of the measured displacements, S = K C Kᵀ, which leaves
 
     [ P    Rᵀ  ]
-    [ R  −σ²S  ]
+    [ R  −σ²S  ]   (one block row per trial),
 
-is cheapest (its LDLᵀ exists for any ordering: Vanderbei, SIAM J. Optim. 5, 1995). In space its
-factors fill up with the number of trials; there conjugate gradients need only products, each one
-forward and one adjoint solution per trial with the factors that the fit has of S, and P as
-preconditioner leaves them the few directions that the data determine.
+a quasi-definite matrix, whose LDLᵀ exists for any ordering (Vanderbei, SIAM J. Optim. 5, 1995). In
+space its factors fill up, and S has several times the entries of K's.
 """
 
 from collections.abc import Callable
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..linalg.ldl import QuasiDefiniteSolver, nested_dissection
+from ..linalg.factor import Factoriser
+from .equilibrium import State
+from .misfit import Misfit
 
 TOLERANCE, LIMIT = 0.003, 300  # of the conjugate gradients: relative residual, steps
+REFIT = 0.003  # tolerance of the held nodes' motion alone
+FEW = 100  # parameters for which the preconditioner holds the data's own curvature
+UNMEASURED = 1e4  # variance of nodes that only refinement has, over that of measured nodes
+_TINY = np.finfo(float).tiny
 
 
 class DirectSystem:
-    """H by one factorisation of the quasi-definite matrix.
+    """The system by one factorisation of the quasi-definite matrix; displacements only.
 
     Parameters
     ----------
-    group_places : (n_fields·n_groups, d); node_places : (n_free, d)
+    parameter_places : (n_x, d); node_places : (n_free, d)
         Where the parameters and the force equations of one trial are.
     """
 
-    samples = 16  # posterior samples worth their cost in every step
+    def __init__(self, parameter_places, node_places):
+        self.parameter_places, self.node_places = parameter_places, node_places
+        self.factorise_S, self.factorise_all = Factoriser(node_places), None
+        self._covariances = {}
 
-    def __init__(self, group_places, node_places):
-        self.group_places, self.node_places = group_places, node_places
-        self.order = None
+    def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
+        """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
+        (self.observations,) = misfit.terms
+        n = self.n_free = state.n_free
+        self.K = [K[:n] for K in state.K]
+        self.C = [self._covariance(o) for o in self.observations]
+        self.S, out, solver = [], [], None
+        for t, (K, C, o) in enumerate(zip(self.K, self.C, self.observations, strict=True)):
+            if not (t and state.shared and C is self.C[0]):
+                self.S.append((K @ C @ K.T).tocsc())
+                solver = self.factorise_S(self.S[-1])
+            else:
+                self.S.append(self.S[0])
+            v = o.by_eta.T @ o.residual
+            q = solver.solve(K @ v)
+            q += solver.solve(K @ v - self.S[-1] @ q)  # S squares K's condition: refine once
+            out.append((v - C @ (K.T @ q))[n:])
+        return out
 
-    def factorise(self, P, fits, scale: float):
-        """Take new matrices; the force rows are scaled to a unit diagonal of σ²S."""
-        rows, self.row_scale = [[P] + [None] * len(fits)], []
-        for k, fit in enumerate(fits):
-            s = sp.diags(1 / (scale * np.sqrt(fit.S.diagonal())))
-            R = s @ fit.R
-            rows[0][k + 1] = R.T
-            row = [R] + [None] * len(fits)
-            row[k + 1] = -(scale**2) * (s @ fit.S @ s)
+    def _covariance(self, o):
+        """C on all of η: nodes without measurement are nearly free. One for all states."""
+        key = id(o.root)
+        if key not in self._covariances:
+            C = o.by_eta.T @ (o.root @ o.root.T) @ o.by_eta
+            missing = C.diagonal() == 0
+            nearly_free = missing * UNMEASURED * C.diagonal()[~missing].mean()
+            self._covariances[key] = o.root, (C + sp.diags(nearly_free)).tocsr()
+        return self._covariances[key][1]
+
+    def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
+        """Take new matrices, after `refit`; the force rows get a unit diagonal of σ²S."""
+        (self.observations,) = misfit.terms
+        self.scale = scale
+        rows, self.row_scale = [[P] + [None] * len(self.K)], []
+        for t, S in enumerate(self.S):
+            s = sp.diags(1 / (scale * np.sqrt(S.diagonal())))
+            R = s @ state.R_free[t]
+            rows[0][t + 1] = R.T
+            row = [R] + [None] * len(self.K)
+            row[t + 1] = -(scale**2) * (s @ S @ s)
             rows.append(row)
             self.row_scale.append(s)
         matrix = sp.bmat(rows, format="csc")
-        if self.order is None:
-            places = np.vstack([self.group_places, *[self.node_places] * len(fits)])
-            self.order = nested_dissection(matrix, places)
-        self.solver = QuasiDefiniteSolver(matrix, self.order)
+        if self.factorise_all is None:
+            places = np.vstack([self.parameter_places, *[self.node_places] * len(self.K)])
+            self.factorise_all = Factoriser(places, definite=False)
+        self.solver = self.factorise_all(matrix)
 
-    def solve(self, field_part, force_parts, start=None, tell=None):
-        """Return H⁻¹ (field_part + Σ_t R_tᵀ (σ²S_t)⁻¹ force_parts[t]); needs no start."""
-        scaled = [s @ part for s, part in zip(self.row_scale, force_parts, strict=True)]
-        return self.solver.solve(np.concatenate([field_part, *scaled]))[: len(field_part)]
+    def solve(self, parameter_part, numbers, start=None, tell=None, tolerance=None):
+        """Return dx (n_x, m) and db (n_held, m) of each trial; `numbers` per term and trial.
+
+        With e = v − dη the part of v that stays, K e = K v + R dx and e = σ² C Kᵀ q,
+        q = (σ²S)⁻¹ (K v + R dx).
+        """
+        (v,) = numbers
+        v = [o.by_eta.T @ part for o, part in zip(self.observations, v, strict=True)]
+        force = [-(s @ (K @ part)) for s, K, part in zip(self.row_scale, self.K, v, strict=True)]
+        found = self.solver.solve(np.concatenate([parameter_part, *force]))
+        dx, db, at = found[: len(parameter_part)], [], len(parameter_part)
+        for s, K, C, part in zip(self.row_scale, self.K, self.C, v, strict=True):
+            q = s @ found[at : at + self.n_free]
+            at += self.n_free
+            db.append((part - self.scale**2 * (C @ (K.T @ q)))[self.n_free :])
+        return dx, db
 
 
-class AdjointSystem:
-    """H by its products; preconditioned conjugate gradients, all right-hand sides at once."""
+class ReducedSystem:
+    """The system by its products; preconditioned conjugate gradients, all columns at once.
 
-    samples = 8
+    Parameters
+    ----------
+    parameter_places : (n_x, d)
+    dim : int
+        Degrees of freedom per node.
+    """
 
-    def __init__(self, group_places, node_places):
-        self.group_places, self.order = group_places, None
+    def __init__(self, parameter_places, dim: int):
+        self.factoriser, self.dim = Factoriser(parameter_places), dim
 
-    def factorise(self, P, fits, scale: float):
+    def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
+        """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
+        self.P, self.state, self.misfit, self.scale = None, state, misfit, 1.0
+        self.of_b = self._held_blocks()
+        fixed = np.zeros((0, 1))
+        right = self._gradient(misfit.residuals())[1:]
+        _, db = self._solve([fixed, *right], None, tell, REFIT)
+        return [b[:, 0] for b in db]
+
+    def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
         """Take new matrices."""
-        self.P, self.fits, self.scale = P, fits, scale
-        if self.order is None:
-            self.order = nested_dissection(P, self.group_places)
-        self.preconditioner = QuasiDefiniteSolver(P, self.order)
+        self.P, self.state, self.misfit, self.scale = P, state, misfit, scale
+        self.of_b = self._held_blocks()
+        if P.shape[0] > FEW:
+            self.of_x = self.factoriser(P)
+            return
+        # few parameters have a weak prior: what the data say of them is all that matters
+        at_rest = [np.zeros((K.shape[1], P.shape[0])) for K in state.couplings]
+        dx = np.identity(P.shape[0])
+        H = P + misfit.gram(misfit.seen(dx, state.change(dx, at_rest)), scale)
+        self.of_x = Dense(H)
 
-    def solve(self, field_part, force_parts, start=None, tell: Callable[[], None] | None = None):
-        """Return H⁻¹ (field_part + Σ_t R_tᵀ (σ²S_t)⁻¹ force_parts[t]).
+    def _held_blocks(self):
+        """Per trial the inverse of a node-wise guess of the held nodes' part of the system.
+
+        A held node takes the free nodes beside it along, so their weights count like its own: they
+        keep a node in its place that is hardly measured itself.
+        """
+        n, d, found = self.state.n_free // self.dim, self.dim, {}
+        out = []
+        for t in range(len(self.state.K)):
+            parts = [term[t] for term in self.misfit.terms]
+            key = (id(self.state.K[t]), *(id(o.weight) for o in parts))
+            if key not in found:
+                H = sum(o.by_eta.T @ (o.weight / o.factor(self.scale)) @ o.by_eta for o in parts)
+                own = _diagonal_blocks(H, d)
+                near = _neighbours(self.state.couplings[t], d)
+                near = near.multiply(1 / np.maximum(near.sum(axis=1), 1)).tocsr()
+                mean = (near @ own[:n].reshape(n, -1)).reshape(-1, d, d)
+                found[key] = np.linalg.inv(own[n:] + mean)
+            out.append(found[key])
+        return out
+
+    def solve(
+        self, parameter_part, numbers, start=None, tell: Callable[[], None] | None = None,
+        tolerance: float = TOLERANCE,
+    ):  # fmt: skip
+        """Return dx (n_x, m) and db (n_held, m) of each trial.
 
         Parameters
         ----------
-        start : like field_part, optional
+        parameter_part : (n_x, m)
+        numbers : per term and trial (k, m)
+        start : (dx, db), optional
             A guess; the solution of the step before is a good one.
         tell : callable, optional
             Called at each step.
+        tolerance : float
+            Of the residual, relative to the right side, in the preconditioner's norm.
         """
-        right = np.array(field_part, float)
-        for fit, part in zip(self.fits, force_parts, strict=True):
-            right += fit.R.T @ fit.solve(part) / self.scale**2
-        shape = right.shape
-        right = right.reshape(len(right), -1)
-        target = TOLERANCE**2 * _dot(right, self.preconditioner.solve(right))
-        x = np.zeros_like(right) if start is None else start.reshape(right.shape).copy()
-        residual = right - (self._product(x) if start is not None else 0)
-        z = self.preconditioner.solve(residual)
-        direction, size = z, _dot(residual, z)
+        right = self._gradient(numbers)
+        right[0] = right[0] + parameter_part
+        return self._solve(right, start, tell, tolerance)
+
+    def _solve(self, right, start, tell, tolerance):
+        target = tolerance**2 * _dot(right, self._precondition(right))
+        if start is None:
+            x, residual = [0 * part for part in right], right
+        else:
+            x = [start[0].copy(), *(b.copy() for b in start[1])]
+            residual = [a - c for a, c in zip(right, self._product(x), strict=True)]
+        direction = z = self._precondition(residual)
+        size = _dot(residual, z)
         for _ in range(LIMIT):
             going = size > target
             if not going.any():
                 break
             if tell:
                 tell()
-            H_direction = self._product(direction)
-            length = np.where(going, size / np.maximum(_dot(direction, H_direction), _TINY), 0)
-            x += length * direction
-            residual = residual - length * H_direction
-            z = self.preconditioner.solve(residual)
+            image = self._product(direction)
+            length = np.where(going, size / np.maximum(_dot(direction, image), _TINY), 0)
+            x = [a + length * p for a, p in zip(x, direction, strict=True)]
+            residual = [a - length * q for a, q in zip(residual, image, strict=True)]
+            z = self._precondition(residual)
             before, size = size, _dot(residual, z)
-            direction = z + size / np.maximum(before, _TINY) * direction
-        return x.reshape(shape)
+            turn = size / np.maximum(before, _TINY)
+            direction = [a + turn * p for a, p in zip(z, direction, strict=True)]
+        return x[0], x[1:]
 
-    def _product(self, x):
-        """H x: a forward and an adjoint solution per trial, which S⁻¹ = K⁻ᵀ C⁻¹ K⁻¹ unites."""
-        data = sum(fit.R.T @ fit.solver.solve(fit.R @ x) for fit in self.fits)
-        return self.P @ x + data / self.scale**2
+    def _product(self, v):
+        """(P + JᵀWJ/σ²) v for v = [dx, db of each trial]; dx without rows: held fast."""
+        dx = v[0] if self.P is not None else None
+        out = self._gradient(self.misfit.seen(dx, self.state.change(dx, v[1:])))
+        out[0] = v[0] if dx is None else out[0] + self.P @ dx
+        return out
+
+    def _gradient(self, numbers):
+        """JᵀW/σ² applied to numbers."""
+        by_eta, by_x = self.misfit.weighted(numbers, self.scale)
+        adjoint_x, by_b = self.state.adjoint(by_eta, self.P is not None)
+        return [adjoint_x + by_x, *by_b]
+
+    def _precondition(self, r):
+        out = [r[0] if self.P is None else self.of_x.solve(r[0])]
+        for blocks, part in zip(self.of_b, r[1:], strict=True):
+            out.append(np.einsum("nij,njm->nim", blocks, part.reshape(-1, self.dim, part.shape[1])))
+            out[-1] = out[-1].reshape(part.shape)
+        return out
 
 
-_TINY = np.finfo(float).tiny
+class Dense:
+    """The inverse of a small symmetric positive definite matrix, as factors have it."""
+
+    def __init__(self, matrix):
+        self.factor = la.cho_factor(np.asarray(matrix))
+
+    def solve(self, right):
+        return la.cho_solve(self.factor, right)
 
 
 def _dot(a, b):
-    return np.einsum("ij,ij->j", a, b)
+    return sum(np.einsum("ij,ij->j", p, q) for p, q in zip(a, b, strict=True))
+
+
+def _diagonal_blocks(H, d):
+    """The d × d blocks on the diagonal of a sparse matrix, (n/d, d, d)."""
+    H = sp.coo_matrix(H)
+    same = H.row // d == H.col // d
+    row, col = H.row[same], H.col[same]
+    blocks = np.zeros((H.shape[0] // d, d, d))
+    np.add.at(blocks, (row // d, row % d, col % d), H.data[same])
+    return blocks
+
+
+def _neighbours(coupling, d):
+    """Incidence of held nodes and the free nodes beside them, from K_fb. (n_held, n_free)"""
+    K = coupling.tocoo()
+    shape = (coupling.shape[1] // d, coupling.shape[0] // d)
+    near = sp.csr_matrix((np.ones(K.nnz), (K.col // d, K.row // d)), shape)
+    near.data[:] = 1.0
+    return near

@@ -122,3 +122,52 @@ def make_unknowns(
 def _lame(young, poisson, plane_stress):
     lam, mu = lame_from_young(young, poisson)
     return (plane_stress_lambda(lam, mu), mu) if plane_stress else (lam, mu)
+
+
+class LogParameters:
+    """The parameters x that the regularized fit moves, and λ, μ of the cells as functions of them.
+
+    x holds fields, one value per group each: log μ and log(λ/μ) (that is, ν), or log E, since
+    neighbouring tissues differ in stiffness more than in compressibility. A subclass may append
+    parameters of other kinds: it lengthens `start` and `places` and gives them columns in `slopes`.
+
+    Attributes
+    ----------
+    n : int
+        Length of x.
+    start : (n,)
+        x of a body as stiff as the known material.
+    places : (n, d)
+        Where each parameter is: the mean of its group's cells.
+    """
+
+    def __init__(self, unknowns: Unknowns, centres: np.ndarray):
+        self.unknowns = unknowns
+        self.fields, self.start = _fields(unknowns, unknowns.flat_guess())
+        self.n = len(self.start)
+        cells = np.flatnonzero(~unknowns.known)
+        group, count = unknowns.group[cells], np.bincount(unknowns.group[cells])[:, None]
+        place = np.stack([np.bincount(group, x) for x in centres[cells].T], axis=1) / count
+        self.places = np.tile(place, (unknowns.per_group, 1))
+
+    def moduli(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return λ, μ of all cells, (n_cells,) each (in plane stress: λ*, μ)."""
+        return self.unknowns.moduli(np.exp(self.fields @ x))
+
+    def slopes(self, x: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """Return ∂λ/∂x, ∂μ/∂x, (n_cells, n) each."""
+        theta = sp.diags(np.exp(self.fields @ x)) @ self.fields
+        return (self.unknowns.lam @ theta).tocsr(), (self.unknowns.mu @ theta).tocsr()
+
+
+def _fields(unknowns, flat):
+    """Return X with log θ = X x, and x of the flat guess."""
+    n = unknowns.n_groups
+    if unknowns.per_group == 1:
+        return sp.identity(n, format="csr"), np.log(flat)
+    group = np.arange(n)
+    rows = np.concatenate([2 * group, 2 * group, 2 * group + 1])
+    cols = np.concatenate([group, n + group, group])
+    fields = sp.csr_matrix((np.ones(3 * n), (rows, cols)), (2 * n, 2 * n))
+    lam, mu = flat.reshape(-1, 2).T
+    return fields, np.concatenate([np.log(mu), np.log(np.maximum(lam, 1e-3 * mu) / mu)])

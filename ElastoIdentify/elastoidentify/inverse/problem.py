@@ -21,6 +21,8 @@ class Problem:
     reaction: np.ndarray  # (n_nodes,) bool
     noise: DisplacementNoise
     refine: int | None = None
+    element: str = "locking-free"  # of the regularized method's forward problem, or "linear"
+    labels: np.ndarray | None = None  # (n_cells,) int: cells of different labels are not averaged
 
 
 @dataclass

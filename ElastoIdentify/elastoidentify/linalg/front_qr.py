@@ -7,6 +7,15 @@ normal equations this does not square the condition number, and its pivots revea
 Source: George and Heath, Solution of sparse linear least squares problems using Givens rotations
 (1980), with blocks in place of rotations; rank by column pivoting, Golub and Van Loan, Matrix
 Computations (2013), section 5.4.
+
+What counts as zero. The factor is the exact one of A + E, with ‖E e_j‖ ≤ (γ + ε_j) ‖A e_j‖: γ is
+the backward error of Householder reflections (Higham, Accuracy and Stability of Numerical
+Algorithms, 2002, theorem 19.4, with square roots, as its section 2.8 argues for real sums), ε_j
+that of the data. A column that the others span, A x = 0 with x_j = 1, therefore leaves a pivot
+|r_jj| = ‖E x‖ that is of the size of ‖(γ + ε) x‖ and not of a constant: it may be any number
+where the others are ill-conditioned. A pivot tells apart from zero where it is `MARGIN` times that,
+and with `MARGIN` far above one neither the order of a sum nor the kernel that forms it moves a
+pivot across.
 """
 
 import numpy as np
@@ -15,7 +24,15 @@ import scipy.sparse as sp
 
 from ..progress import Progress, silent
 
-RANK_TOLERANCE = 1e-10  # of a column's norm: what remains of it when the others are taken out
+EPS = np.finfo(float).eps
+MARGIN = 100.0  # pivots up to so many times the round-off in them are grey, and count as zero
+DOUBTFUL = 1e-5  # larger pivots, of columns of norm one, are above any round-off
+# Share of the null space in a column that does not matter: 1e-6 of an amplitude that other
+# columns, with values that are physical, cannot carry beyond a hundred times the column's own.
+NEGLIGIBLE = 1e-6
+WELL_CHOSEN = 1e2  # norm of a null vector with a one in its dependent column
+EXCHANGES = 3  # at most; one is nearly always enough
+MOST_NUMBERS = 20_000_000  # of a dense null space basis; beyond, random vectors stand for it
 
 
 class FrontQR:
@@ -28,19 +45,24 @@ class FrontQR:
     row_level, col_level : int arrays
         Level of each row and column, −1 to leave it out. A row of level k has columns of levels
         k−1 and k only.
+    error : (n_cols,), optional
+        Norm of the error that the data leave in each column, as a share of the column's norm.
     """
 
-    def __init__(self, A, b, row_level, col_level, progress: Progress | None = None):
+    def __init__(self, A, b, row_level, col_level, progress: Progress | None = None, error=None):
         progress = progress or silent
         self.A = A
-        norm = np.sqrt(np.asarray(A.multiply(A).sum(axis=0)).ravel())
+        self._error = np.zeros(A.shape[1]) if error is None else np.asarray(error, float)
+        self._gamma, self._reflections = 0.0, 0
+        self.left_out = np.empty(0, int)  # dependent columns, see :meth:`revealing`
+        self.norm = norm = np.sqrt(np.asarray(A.multiply(A).sum(axis=0)).ravel())
         self.scale = np.where(norm > 0, 1 / np.where(norm > 0, norm, 1), 0.0)
         self.scale[col_level < 0] = 0.0
         self.n = A.shape[1]
         self.columns, self.blocks, self.rhs = [], [], []
         scaled = (A @ sp.diags(self.scale)).tocsr()
         n_levels = int(col_level.max(initial=-1)) + 1
-        by_level = [np.flatnonzero(col_level == k) for k in range(n_levels)]
+        self.by_level = by_level = [np.flatnonzero(col_level == k) for k in range(n_levels)]
         carry = self._rows(scaled, b, row_level, 0, by_level, first=True)
         for k in range(n_levels):
             carry = self._eliminate(scaled, b, row_level, by_level, k, carry)
@@ -66,7 +88,10 @@ class FrontQR:
         trailing = np.zeros((len(front), after.shape[1]))
         trailing[: len(carry), -1] = carry[:, -1]
         trailing[len(carry) :] = after
-        (reflectors, tau), R, pivot, rank = _rank_revealing_qr(front)
+        # every reflection of this front and of those before it may have rounded
+        self._reflections += n
+        self._gamma = EPS * np.sqrt(self._reflections)
+        (reflectors, tau), R, pivot, rank = self._rank_revealing_qr(front, k)
         trailing = _apply_qt(reflectors, tau, trailing)
         # copies: views would keep the whole fronts alive
         self.blocks.append(
@@ -79,15 +104,75 @@ class FrontQR:
             rest = np.linalg.qr(rest, mode="r")
         return rest
 
+    @classmethod
+    def revealing(cls, A, b, row_level, col_level, progress: Progress | None = None, error=None):
+        """Return the factor with a well-conditioned choice of the columns that count as dependent.
+
+        The fronts call the last of some dependent columns dead. Where its share of the null space
+        is small, the columns that are left are nearly dependent themselves. Then those with a
+        large share are left out in its place, as Gu and Eisenstat, Efficient algorithms for
+        computing a strong rank-revealing QR factorization (1996), exchange columns.
+        """
+        factor = cls(A, b, row_level, col_level, progress, error)
+        for _ in range(EXCHANGES):
+            dependent = factor.dependent
+            if not 0 < len(dependent) * factor.n <= MOST_NUMBERS:
+                break
+            vectors = factor._null_vectors(np.eye(len(dependent)))
+            norm = np.linalg.norm(vectors, axis=0)
+            if norm.max() < WELL_CHOSEN:
+                break
+            pivot = la.qr((vectors / norm).T, mode="r", pivoting=True, check_finite=False)[1]
+            level = np.array(col_level)
+            level[pivot[: len(dependent)]] = -1
+            factor = cls(A, b, row_level, level, None, error)
+            factor.left_out = pivot[: len(dependent)]
+        return factor
+
     @property
     def dead(self) -> np.ndarray:
-        """Columns that depend on the others: the dimension of the null space."""
+        """Columns of the fronts that depend on the others."""
         return np.concatenate([dead for _, dead in self.columns] or [np.empty(0, int)])
 
-    def _level_columns(self, k):
-        """Columns of level k in the order of the factor's trailing blocks."""
-        live, dead = self.columns[k]
-        return np.sort(np.concatenate([live, dead]))
+    def _rank_revealing_qr(self, front, k):
+        """Return raw reflectors, R, column order and rank; pivots only where the rank asks for it.
+
+        A dependent column shows as a small diagonal entry without pivoting, too; pivoting is
+        several times slower and needed only to gather such columns at the end.
+        """
+        n = front.shape[1]
+        if front.size == 0:  # all equations of this front were spent on the one before
+            return (front, np.empty(0)), np.empty((0, n)), np.arange(n), 0
+        if len(front) >= n:
+            raw, R = la.qr(front, mode="raw", check_finite=False)
+            if np.abs(np.diag(R)).min(initial=1.0) > DOUBTFUL:
+                return raw, R, np.arange(n), n
+        raw, R, pivot = la.qr(front, mode="raw", pivoting=True, check_finite=False)
+        return raw, R, pivot, self._rank(R, pivot, k)
+
+    def _rank(self, R, pivot, k):
+        """Count the pivots of front k that lie above their round-off by the margin."""
+        size = np.abs(np.diag(R))
+        sure = int(np.count_nonzero(size > DOUBTFUL))
+        last = int(np.count_nonzero(size > EPS))
+        if sure == last:
+            return sure
+        # x_j = r_jj R⁻¹ e_j combines column j with those before it; A x_j has the norm |r_jj|
+        unit = np.zeros((last, last - sure))
+        unit[np.arange(sure, last), np.arange(last - sure)] = np.diag(R)[sure:last]
+        x = np.zeros((self.n, last - sure))
+        x[self.by_level[k][pivot[:last]]] = la.solve_triangular(
+            R[:last, :last], unit, check_finite=False
+        )
+        self._solve_up_to(k, x, None)
+        round_off = np.linalg.norm((self._gamma + self._error)[:, None] * x, axis=0)
+        dead = np.flatnonzero(~(size[sure:last] > MARGIN * round_off))
+        return sure + int(dead[0]) if len(dead) else last
+
+    @property
+    def dependent(self) -> np.ndarray:
+        """Columns left out or dead: as many as the null space has dimensions."""
+        return np.concatenate([self.left_out, self.dead])
 
     def solve_r(self, rhs: list[np.ndarray], dead_values: np.ndarray) -> np.ndarray:
         """Solve R x = rhs for given values of the dead columns; x in the scaled unknowns.
@@ -99,14 +184,20 @@ class FrontQR:
             Read at the dead columns.
         """
         x = np.array(dead_values, float)
-        for k in reversed(range(len(self.blocks))):
+        self._solve_up_to(len(self.blocks), x, rhs)
+        return x
+
+    def _solve_up_to(self, top, x, rhs):
+        """Set x in the levels below `top`, given its values in the others; rhs None is zero."""
+        for k in reversed(range(top)):
             triangle, beside, ahead = self.blocks[k]
             live, dead = self.columns[k]
-            right = rhs[k] - beside @ x[dead]
-            if k + 1 < len(self.blocks):
-                right = right - ahead @ x[self._level_columns(k + 1)]
+            right = -(beside @ x[dead])
+            if rhs is not None:
+                right += rhs[k]
+            if k + 1 < len(self.by_level):
+                right -= ahead @ x[self.by_level[k + 1]]
             x[live] = la.solve_triangular(triangle, right, check_finite=False)
-        return x
 
     def solve_rt(self, x: np.ndarray) -> list[np.ndarray]:
         """Solve Rᵀ y = x (live columns only); y as a list of levels."""
@@ -116,7 +207,7 @@ class FrontQR:
             part = la.solve_triangular(triangle, x[live], trans="T", check_finite=False)
             y.append(part)
             if k + 1 < len(self.blocks):
-                x[self._level_columns(k + 1)] -= ahead.T @ part
+                x[self.by_level[k + 1]] -= ahead.T @ part
         return y
 
     def solution(self) -> np.ndarray:
@@ -141,33 +232,54 @@ class FrontQR:
         pivots = np.concatenate([np.abs(np.diag(t)) for t, _, _ in self.blocks] or [np.ones(1)])
         return float(pivots.max() / pivots.min()) if len(pivots) else np.inf
 
-    def undetermined(self, probes: int = 6, tolerance: float = 1e-7) -> np.ndarray:
-        """Tell which columns take part in the null space, by random null vectors. (n,) bool"""
-        dead = self.dead
-        if len(dead) == 0:
-            return self.scale == 0
-        start = np.zeros((self.n, probes))
-        start[dead] = np.random.default_rng(0).standard_normal((len(dead), probes))
-        zero = [np.zeros((len(t), probes)) for t, _, _ in self.blocks]
-        null = self.solve_r(zero, start)
-        return (np.abs(null).max(axis=1) > tolerance) | (self.scale == 0)
+    def undetermined(self) -> np.ndarray:
+        """Tell which columns take part in the null space, or may for all one can tell. (n,) bool
 
+        The rows of an orthonormal basis of the null space have norms that do not depend on the
+        basis, and so not on which of several equal pivots a kernel took first.
+        """
+        nothing = self.scale == 0
+        if len(self.dependent) == 0:
+            return nothing
+        basis, growth = self._null_basis()
+        share = np.linalg.norm(basis, axis=1)
+        # what back substitution makes of the round-off in the factor
+        noise = np.random.default_rng(1).standard_normal((self.n, 4))
+        rhs = [(self._gamma + self._error[live])[:, None] * noise[live] for live, _ in self.columns]
+        blur = np.linalg.norm(self.solve_r(rhs, np.zeros((self.n, 4))), axis=1) / 2
+        return (share + growth * blur > NEGLIGIBLE) | nothing
 
-def _rank_revealing_qr(front):
-    """Return raw reflectors, R, column order and rank; pivots only where the rank asks for it.
+    def _null_basis(self):
+        """Orthonormal basis (n, m) of the null space, and by how much it enlarges round-off."""
+        n_free = len(self.dependent)
+        width = max(1, MOST_NUMBERS // self.n)
+        values = np.eye(n_free) if n_free <= width else self._even_mixture(n_free, width)
+        vectors = self._null_vectors(values)
+        vectors /= np.linalg.norm(vectors, axis=0)
+        basis, R = np.linalg.qr(vectors)
+        growth = 1 / np.linalg.svd(R, compute_uv=False)[-1]
+        return basis * np.sqrt(max(n_free / basis.shape[1], 1)), growth
 
-    A dependent column shows as a small diagonal entry without pivoting, too; pivoting is several
-    times slower and needed only to gather such columns at the end.
-    """
-    n = front.shape[1]
-    if front.size == 0:  # all equations of this front were spent on the one before
-        return (front, np.empty(0)), np.empty((0, n)), np.arange(n), 0
-    if len(front) >= n:
-        raw, R = la.qr(front, mode="raw", check_finite=False)
-        if np.abs(np.diag(R)).min(initial=1.0) > 1e3 * RANK_TOLERANCE:
-            return raw, R, np.arange(n), n
-    raw, R, pivot = la.qr(front, mode="raw", pivoting=True, check_finite=False)
-    return raw, R, pivot, int(np.count_nonzero(np.abs(np.diag(R)) > RANK_TOLERANCE))
+    def _even_mixture(self, n_free, width):
+        """Random values (n_free, 64) of the dependent columns that give null vectors one weight."""
+        norm = np.empty(n_free)
+        for first in range(0, n_free, width):
+            some = slice(first, first + width)
+            unit = np.eye(n_free, len(norm[some]), -first)
+            norm[some] = np.linalg.norm(self._null_vectors(unit), axis=0)
+        return np.random.default_rng(0).standard_normal((n_free, 64)) / norm[:, None]
+
+    def _null_vectors(self, values):
+        """Null vectors (n, m), scaled, with these values (n_dependent, m) in dependent columns."""
+        x = np.zeros((self.n, values.shape[1]))
+        out, dead = np.split(values, [len(self.left_out)])
+        x[self.dead] = dead
+        self._solve_up_to(len(self.blocks), x, None)
+        if len(self.left_out):
+            right = self.A[:, self.left_out] @ (out / self.norm[self.left_out, None])
+            x -= self.pseudo_inverse(right) * self.norm[:, None]
+            x[self.left_out] = out
+        return x
 
 
 def _apply_qt(reflectors, tau, matrix):

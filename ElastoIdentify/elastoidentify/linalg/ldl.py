@@ -64,3 +64,8 @@ class QuasiDefiniteSolver:
         solution = np.empty_like(right, dtype=float)
         solution[self.order] = self.factors.solve(np.asarray(right, float)[self.order])
         return solution
+
+    @property
+    def entries(self) -> int:
+        """Entries of both factors."""
+        return int(self.factors.nnz)

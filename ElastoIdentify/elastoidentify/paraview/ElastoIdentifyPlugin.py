@@ -24,6 +24,7 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from elastoidentify import filters
 from elastoidentify.paraview import display, failures, panel
+from elastoidentify.vtk_io.arrays import label_table
 
 paraview_plugin_name = "ElastoIdentify"
 paraview_plugin_version = elastoidentify.__version__
@@ -98,6 +99,7 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
 @in_menu
 @form(
     panel.documentation(filters.LameIdentification),
+    panel.outputs("Map", "Labels"),
     panel.inputs(
         filters.LameIdentification,
         {
@@ -110,15 +112,14 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
         "GetDisplacementArraySelection",
         "The trials: point arrays with the displacement of every node.",
     ),
-    panel.settings(
-        filters.LameIdentification,
-        {
-            "poisson_ratio": panel.optional_number(
-                filters.LameIdentification.poisson_ratio, 0.45, panel.shown_if("Unknowns", "young")
-            )
-        },
-    ),
+    panel.settings(filters.LameIdentification),
     panel.last_error(),
 )
 class LameIdentification(filters.LameIdentification):
     __doc__ = filters.LameIdentification.__doc__
+    output_types = ("vtkUnstructuredGrid", "vtkTable")
+
+    def execute(self, meshes, progress):
+        """Return the mesh with the result arrays, and the table of labels."""
+        grid = super().execute(meshes, progress)
+        return grid, label_table(grid)

@@ -7,17 +7,16 @@ than the user's own.
 
 import json
 
+from ..results import ERRORS, VALUES, Status
+
 NOT_DETERMINED = [1.0, 0.55, 0.85]  # pink: in no perceptual map, and plain on any background
-STATUS = {
-    "0": ("not determined", NOT_DETERMINED),
-    "1": ("known", [0.55, 0.55, 0.55]),
-    "2": ("identified", [0.13, 0.57, 0.55]),
-    "3": ("out of range", [0.85, 0.10, 0.10]),
+STATUS_COLOURS = {
+    Status.NOT_DETERMINED: NOT_DETERMINED,
+    Status.KNOWN: [0.55, 0.55, 0.55],
+    Status.IDENTIFIED: [0.13, 0.57, 0.55],
+    Status.OUT_OF_RANGE: [0.85, 0.10, 0.10],
 }
-MAPS = {
-    "Viridis (matplotlib)": ("Lambda", "Mu", "YoungModulus", "PoissonRatio"),
-    "Inferno (matplotlib)": ("LambdaStd", "MuStd"),
-}
+MAPS = {"Viridis (matplotlib)": VALUES, "Inferno (matplotlib)": ERRORS}
 _PRIORITY = 0.5  # the user's settings have more, ParaView's defaults less
 
 
@@ -31,14 +30,14 @@ def set_defaults():
 
 def default_settings() -> dict:
     """Return the settings, as ParaView's settings file would hold them."""
-    presets = {array: name for name, arrays in MAPS.items() for array in arrays}
+    presets = {one.array: name for name, quantities in MAPS.items() for one in quantities}
     tables = {array: {"PVLookupTable": {"NanColor": NOT_DETERMINED}} for array in presets}
     tables["Status"] = {
         "PVLookupTable": {
             "InterpretValuesAsCategories": 1,
             "AnnotationsInitialized": 1,
-            "Annotations": [part for value, (word, _) in STATUS.items() for part in (value, word)],
-            "IndexedColors": [part for _, colour in STATUS.values() for part in colour],
+            "Annotations": [part for one in STATUS_COLOURS for part in (str(int(one)), one.words)],
+            "IndexedColors": [part for colour in STATUS_COLOURS.values() for part in colour],
         }
     }
     return {"standard_presets": presets, "array_lookup_tables": tables}

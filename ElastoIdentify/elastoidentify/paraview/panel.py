@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from xml.sax.saxutils import escape, quoteattr
 
 from ..filters.base import Filter, Port
-from ..filters.options import Choice, File, Flag, Number, Option, Rows, Text, Vector
+from ..options import Choice, File, Flag, Number, Option, Rows, Text, Vector, pascal
 
 
 def documentation(filter_class: type[Filter]) -> str:
@@ -47,6 +47,13 @@ def _input(number: int, port: Port, name: str, array_domains) -> str:
       </DataTypeDomain>
       {array_domains.get(port.name, "")}
     </InputProperty>"""
+
+
+def outputs(*names: str) -> str:
+    """Return an OutputPort per name, for filters with several."""
+    return "".join(
+        f'<OutputPort name="{name}" index="{number}"/>' for number, name in enumerate(names)
+    )
 
 
 def settings(filter_class: type[Filter], special: Mapping[str, str] | None = None) -> str:
@@ -96,9 +103,10 @@ def shown_if(property_name: str, value: str) -> str:
 # ---- one function per kind of option
 
 
-def _number(option: Number, hints: str = "", default=None) -> str:
+def _number(option: Number) -> str:
     kind = "Int" if option.kind is int else "Double"
-    start = option.default if default is None else default
+    start = option.default if option.form_start is None else option.form_start
+    hints = shown_if(pascal(option.needs[0]), option.needs[1]) if option.needs else ""
     bounds = "".join(
         f' {name}="{bound:g}"'
         for name, bound in (("min", option.minimum), ("max", option.maximum))
@@ -109,11 +117,6 @@ def _number(option: Number, hints: str = "", default=None) -> str:
       <{kind}RangeDomain name="range"{bounds}/>
       {_text(option.__doc__)}{_hints(hints)}
     </{kind}VectorProperty>"""
-
-
-def optional_number(option: Number, default: float, hints: str = "") -> str:
-    """Return the property of a number that has no default of its own."""
-    return _number(option, hints, default)
 
 
 def _choice(option: Choice) -> str:
@@ -165,17 +168,12 @@ def _vector(option: Vector) -> str:
 def _rows(option: Rows) -> str:
     """Return an editable table; all its columns are numbers, the filter checks whole ones."""
     n = len(option.columns)
-    start = (
-        f'number_of_elements="{n}" default_values="{" ".join(map(str, option.start))}"'
-        if option.start
-        else ""
-    )
     labels = "".join(
         f'<ComponentLabel component="{i}" label={quoteattr(column)}/>'
         for i, column in enumerate(option.columns)
     )
     return f"""
-    <DoubleVectorProperty name="{option.title}" label="{_label(option.title)}" {start}
+    <DoubleVectorProperty name="{option.title}" label="{_label(option.title)}"
         command="Add{option.row}" clean_command="Clear{option.title}"
         repeat_command="1" number_of_elements_per_command="{n}">
       <DoubleRangeDomain name="range"/>

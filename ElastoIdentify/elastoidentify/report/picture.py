@@ -1,5 +1,6 @@
 """The picture of a map: rest image, shear modulus, λ and uncertainty side by side."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,11 +8,31 @@ import numpy as np
 
 from ..imaging.image import Image
 from ..imaging.io import write_whole
-from .table import FOUND, SYMBOLS
+from ..results import QUANTITIES, Status, is_found
 
 MODULI = "viridis"  # perceptually even colours, readable without colour vision
 UNCERTAINTY = "magma_r"
-NOT_DETERMINED, OUT_OF_RANGE = 0, 3  # Status
+EDGES = {
+    "tetra": np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]),
+    "hexahedron": np.array(
+        [
+            (0, 1),
+            (1, 2),
+            (2, 3),
+            (3, 0),
+            (4, 5),
+            (5, 6),
+            (6, 7),
+            (7, 4),
+            (0, 4),
+            (1, 5),
+            (2, 6),
+            (3, 7),
+        ]
+    ),
+}
+"""The edges of the solid cells, in VTK's node order."""
+
 NEAREST_PREFIX = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"))
 
 
@@ -42,12 +63,15 @@ class Drawing:
 
 def draw(
     path: str | Path,
-    grid,
+    points: np.ndarray,
+    blocks: list[tuple[str, np.ndarray]],
+    arrays: Mapping[str, np.ndarray],
     rest: Image | None = None,
     *,
     unit: str = "Pa",
     length: str = "mm",
     title: str = "",
+    about: str = "",
 ) -> None:
     """Draw a mesh with results to a PNG, PDF or SVG file, whole or not at all.
 
@@ -59,22 +83,23 @@ def draw(
     Parameters
     ----------
     path : path
-    grid : vtkUnstructuredGrid
-        With the arrays of an identification.
+    points : (n, 3)
+    blocks : list of (kind, (m, k) int)
+    arrays : mapping of (n_cells,)
+        ``Mu``, ``MuStd``, ``Lambda``, ``Status``, and ``Label`` where there are any.
     rest : Image, optional
     unit, length : str
         Of the moduli and of the world, for the scales.
     title : str
+    about : str
+        Where the result comes from; goes into the file's description.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from ..vtk_io.convert import get_array
-
-    cells = grid.GetCellData()
-    arrays = {name: get_array(cells, name) for name in ("Mu", "MuStd", "Lambda", "Status")}
-    frame = _frame(grid, rest)
-    drawing = _drawing(grid, frame)
+    frame = _frame(points, rest)
+    labels = arrays.get("Label", np.zeros(len(arrays["Mu"])))
+    drawing = _drawing(points, blocks, labels, frame)
     window = _window(drawing, rest, frame)
     size = window[1] - window[0]
 
@@ -102,17 +127,19 @@ def draw(
 
     suffix = Path(path).suffix.lower().lstrip(".")
     tight = {"bbox_inches": "tight", "pad_inches": 0.08}
-    write_whole(Path(path), lambda part: figure.savefig(part, format=suffix, **tight))
+    key = {"png": "Description", "svg": "Description", "pdf": "Subject"}.get(suffix)
+    metadata = {key: about} if about and key else None
+    write_whole(
+        Path(path),
+        lambda part: figure.savefig(part, format=suffix, metadata=metadata, **tight),
+    )
 
 
 # ---- geometry
 
 
-def _frame(grid, rest: Image | None) -> Image:
+def _frame(points: np.ndarray, rest: Image | None) -> Image:
     """Return the planar image whose i and j axes are the picture's: right and down."""
-    from ..vtk_io.convert import mesh_points
-
-    points = mesh_points(grid)
     if rest is not None:
         thin = rest.planar_axis
         if thin is None:
@@ -130,49 +157,61 @@ def _frame(grid, rest: Image | None) -> Image:
     return Image(np.zeros((1, 1, 1)), centre, np.ones(3), np.column_stack([right, down, normal]))
 
 
-def _drawing(grid, frame: Image) -> Drawing:
+def _drawing(points, blocks, labels, frame: Image) -> Drawing:
     """Return the cells of a planar mesh, or the section of a volume through its middle."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    from ..vtk_io.convert import get_array, mesh_points
-
-    points = mesh_points(grid)
-    shown = grid
-    if grid.GetCell(0).GetCellDimension() == 3:
-        shown = _section(grid, points.mean(0), frame.direction[:, 2])
-        points = vtk_to_numpy(shown.GetPoints().GetData()).astype(float)
-        numbers = get_array(shown.GetCellData(), "CellNumber").astype(int)
+    if blocks[0][0] in EDGES:
+        points, corners, numbers = section(points, blocks, points.mean(0), frame.direction[:, 2])
     else:
-        numbers = np.arange(grid.GetNumberOfCells())
-    table = shown.GetPolys() if shown is not grid else grid.GetCells()
-    offsets = vtk_to_numpy(table.GetOffsetsArray())
-    corners = np.split(vtk_to_numpy(table.GetConnectivityArray()), offsets[1:-1])
+        corners = [cell for _, cells in blocks for cell in cells]
+        numbers = np.arange(len(corners))
     plane = frame.world_to_index(points)[:, :2]
-    labels = grid.GetCellData().GetArray("Label")
-    labels = np.zeros(grid.GetNumberOfCells()) if labels is None else vtk_to_numpy(labels)
     edges = _label_edges(corners, labels[numbers])
     return Drawing([plane[c] for c in corners], numbers, plane[edges])
 
 
-def _section(grid, point, normal):
-    """Return the polygons in which a plane cuts the cells, with the cell array CellNumber."""
-    from vtkmodules.vtkCommonDataModel import vtkPlane, vtkUnstructuredGrid
-    from vtkmodules.vtkFiltersCore import vtkCutter
+def section(points, blocks, point, normal):
+    """Cut a volume mesh with a plane.
 
-    from ..vtk_io.convert import set_array
+    Parameters
+    ----------
+    points : (n, 3)
+    blocks : list of (kind, (m, k) int)
+        Tetrahedra and hexahedra; cells are numbered through.
+    point, normal : (3,)
+        Of the plane.
 
-    numbered = vtkUnstructuredGrid()
-    numbered.CopyStructure(grid)
-    set_array(numbered.GetCellData(), "CellNumber", np.arange(grid.GetNumberOfCells(), dtype="i4"))
-    plane = vtkPlane()
-    plane.SetOrigin(point)
-    plane.SetNormal(normal)
-    cutter = vtkCutter()
-    cutter.SetCutFunction(plane)
-    cutter.GenerateTrianglesOff()
-    cutter.SetInputData(numbered)
-    cutter.Update()
-    return cutter.GetOutput()
+    Returns
+    -------
+    points : (p, 3)
+        Where the plane cuts the cells' edges.
+    corners : list of int arrays
+        A polygon per cut cell, in order around it.
+    numbers : (n_polygons,) int
+        Which cell each one cuts.
+    """
+    away = (points - point) @ normal
+    ends, owners, first = [], [], 0
+    for kind, cells in blocks:
+        pairs = cells[:, EDGES[kind]]  # (m, edges, 2)
+        cell, edge = np.nonzero((away[pairs] >= 0).any(-1) & (away[pairs] < 0).any(-1))
+        ends.append(np.sort(pairs[cell, edge], axis=1))
+        owners.append(first + cell)
+        first += len(cells)
+    if not sum(map(len, ends)):
+        return np.zeros((0, 3)), [], np.zeros(0, int)
+    owner = np.concatenate(owners)
+    edges, place = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
+    share = (away[edges[:, 0]] / (away[edges[:, 0]] - away[edges[:, 1]]))[:, None]
+    cut = (1 - share) * points[edges[:, 0]] + share * points[edges[:, 1]]
+    numbers, inverse, count = np.unique(owner, return_inverse=True, return_counts=True)
+    place, inverse = place.ravel(), inverse.ravel()
+    centre = np.zeros((len(numbers), 3))
+    np.add.at(centre, inverse, cut[place])
+    first_axis = np.linalg.svd(np.asarray(normal, float)[None])[2][1]
+    axes = np.stack([first_axis, np.cross(normal, first_axis)])
+    x, y = axes @ (cut[place] - (centre / count[:, None])[inverse]).T
+    around = np.lexsort([np.arctan2(y, x), inverse])
+    return cut, np.split(place[around], np.cumsum(count)[:-1]), numbers
 
 
 def _label_edges(corners: list[np.ndarray], labels: np.ndarray) -> np.ndarray:
@@ -230,7 +269,7 @@ def _draw_rest(axes, rest: Image, frame: Image, drawing: Drawing) -> None:
 
 def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: str) -> None:
     """Draw μ or λ with its colour bar."""
-    values = np.where(np.isin(arrays["Status"], FOUND), arrays[quantity], np.nan)[drawing.cells]
+    values = np.where(is_found(arrays["Status"]), arrays[quantity], np.nan)[drawing.cells]
     factor, name = _unit(values, unit)
     finite = values[np.isfinite(values)] * factor
     low, high = 0.0, _highest(finite)
@@ -239,7 +278,7 @@ def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: s
     _hatch(axes, drawing, arrays["Status"])
     _outline(axes, drawing)
     axes.set_title(title)
-    label = f"{SYMBOLS[quantity]} ({name})" if name else SYMBOLS[quantity]
+    label = f"{QUANTITIES[quantity].symbol} ({name})" if name else QUANTITIES[quantity].symbol
     beyond = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     extend = beyond[int((finite < low).any()), int((finite > high).any())]
     _colour_bar(figure, axes, patches, label, extend)
@@ -250,11 +289,11 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
     status = arrays["Status"]
     with np.errstate(invalid="ignore", divide="ignore"):
         share = 100 * arrays["MuStd"] / np.abs(arrays["Mu"])
-    values = np.where(status == FOUND[1], share, np.nan)[drawing.cells]
+    values = np.where(status == Status.IDENTIFIED, share, np.nan)[drawing.cells]
     finite = values[np.isfinite(values)]
     high = _highest(finite)
     patches = _polygons(axes, drawing, values, UNCERTAINTY, 0.0, high)
-    given = np.isin(drawing.cells, np.flatnonzero(status == FOUND[0]))
+    given = np.isin(drawing.cells, np.flatnonzero(status == Status.KNOWN))
     if given.any():
         corners = np.concatenate([p for p, g in zip(drawing.polygons, given, strict=True) if g])
         _polygons(axes, drawing, np.where(given, 0.0, np.nan), "Greys", 0.0, 1.0)
@@ -299,8 +338,8 @@ def _marks() -> dict[int, dict]:
     """Return how cells are drawn that have no value to show, by Status."""
     common = {"linewidths": 0.0, "edgecolors": "0.45"}
     return {
-        NOT_DETERMINED: {"facecolors": "0.85", "hatch": "////", **common},
-        OUT_OF_RANGE: {"facecolors": "0.85", "hatch": "xxxx", **common},
+        Status.NOT_DETERMINED: {"facecolors": "0.85", "hatch": "////", **common},
+        Status.OUT_OF_RANGE: {"facecolors": "0.85", "hatch": "xxxx", **common},
     }
 
 
@@ -324,7 +363,10 @@ def _legend(figure, arrays, drawing: Drawing) -> None:
     """Explain the hatches that occur."""
     from matplotlib.patches import Patch
 
-    texts = {NOT_DETERMINED: "not determined", OUT_OF_RANGE: "outside the admissible range"}
+    texts = {
+        Status.NOT_DETERMINED: "not determined",
+        Status.OUT_OF_RANGE: "outside the admissible range",
+    }
     handles = []
     for value, style in _marks().items():
         if (arrays["Status"][drawing.cells] == value).any():

@@ -1,101 +1,89 @@
-"""Figures per label: what was found, how it scatters, how much of the label was found at all."""
+"""The figures per label as a file and for people."""
 
 import csv
 import io
+import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
-
-import numpy as np
 
 from ..imaging.io import write_whole
 from .terminal import figure, table
 
-QUANTITIES = ("Mu", "Lambda", "YoungModulus", "PoissonRatio")
-SYMBOLS = {"Mu": "μ", "Lambda": "λ", "YoungModulus": "E", "PoissonRatio": "ν"}
-RESULT_ARRAYS = ("Label", "Status", *QUANTITIES, "MuStd", "LambdaStd")
-FOUND = (1, 2)  # Status of known and identified cells
 ROUND_OFF = 1e-9  # share of a value below which its error says nothing
 
 
-def label_rows(arrays: Mapping[str, np.ndarray], truth: Mapping[int, Mapping] | None = None):
-    """Return a row of figures for every label.
+def write_table(path: str | Path, rows: list[dict], provenance: Mapping | None = None) -> None:
+    """Write the rows of a result's statistics as CSV, whole or not at all.
 
     Parameters
     ----------
-    arrays : mapping of cell arrays (n_cells,)
-        ``Label``, ``Status``, ``Mu``, ``MuStd``, ``Lambda``, ``LambdaStd``, ``YoungModulus``,
-        ``PoissonRatio``.
-    truth : {label: {quantity: value}}, optional
-        True values, for phantoms.
-
-    Returns
-    -------
-    list of dict
-        ``label``, ``cells``, ``identified`` (share of the cells that are known or identified, 0 to
-        1), ``known`` (given, not found), then for every quantity its ``median``, ``mean`` and
-        ``spread`` (standard deviation over those cells); for μ and λ also ``std``, the median of
-        their own standard deviations; ``true`` where `truth` has it.
+    path : path
+    rows : list of dict
+        See :func:`~elastoidentify.inverse.statistics.label_statistics`; every row says its units.
+    provenance : mapping, optional
+        Where the result comes from; the last column, JSON.
     """
-    rows = []
-    for label in np.unique(arrays["Label"]):
-        here = arrays["Label"] == label
-        found = here & np.isin(arrays["Status"], FOUND)
-        row = {
-            "label": int(label),
-            "cells": int(here.sum()),
-            "identified": float(found.sum() / here.sum()),
-            "known": bool((arrays["Status"][here] == 1).all()),
-        }
-        for quantity in QUANTITIES:
-            values = arrays[quantity][found]
-            row |= {
-                f"{quantity} median": float(np.median(values)) if found.any() else np.nan,
-                f"{quantity} mean": float(values.mean()) if found.any() else np.nan,
-                f"{quantity} spread": float(values.std()) if found.any() else np.nan,
-            }
-            if f"{quantity}Std" in arrays:
-                stds = arrays[f"{quantity}Std"][found]
-                row[f"{quantity} std"] = float(np.median(stds)) if found.any() else np.nan
-            if truth is not None:
-                row[f"{quantity} true"] = truth.get(int(label), {}).get(quantity, np.nan)
-        rows.append(row)
-    return rows
-
-
-def write_table(path: str | Path, rows: list[dict]) -> None:
-    """Write rows of :func:`label_rows` as CSV, whole or not at all; moduli as they were given."""
+    made = {} if provenance is None else {"provenance": json.dumps(provenance, default=str)}
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer = csv.DictWriter(text, [*rows[0], *made], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({**row, **made} for row in rows)
     write_whole(Path(path), lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
-def table_text(rows: list[dict], unit: str = "", names: Mapping[int, str] | None = None) -> str:
+def with_truth(rows: list[dict], truth: Mapping[int, Mapping[str, float]]) -> list[dict]:
+    """Return rows with the true values of a phantom: ``Mu true`` and so on."""
+    names = {name for values in truth.values() for name in values}
+    return [
+        {
+            **row,
+            **{f"{n} true": truth.get(row["label"], {}).get(n, math.nan) for n in sorted(names)},
+        }
+        for row in rows
+    ]
+
+
+def table_text(rows: list[dict], unit: str = "") -> str:
     """Return the figures of μ, E and ν for people, one line per label.
 
-    ``±`` is the typical (median) standard deviation of a cell's μ.
+    ``±`` is the standard error of the label's mean; the spread is from cell to cell.
     """
     unit = f" ({unit})" if unit else ""
-    true = any(np.isfinite(row.get("Mu true", np.nan)) for row in rows)
-    header = ["label", "cells", "found", f"μ median{unit}", "±", "spread", f"E median{unit}", "ν"]
-    if true:
-        header.append(f"μ true{unit}")
-    lines = []
-    for row in rows:
-        name = (names or {}).get(row["label"], "")
-        line = [
-            f"{row['label']} {name}".strip(),
-            str(row["cells"]),
-            "given" if row["known"] else f"{100 * row['identified']:.0f} %",
-            figure(row["Mu median"]),
-            "" if row["known"] else _error(row["Mu std"], row["Mu median"]),
-            "" if row["known"] else _error(row["Mu spread"], row["Mu median"]),
-            figure(row["YoungModulus median"]),
-            figure(row["PoissonRatio median"]),
-        ]
-        lines.append([*line, figure(row["Mu true"])] if true else line)
-    return table(header, lines)
+    true = any(math.isfinite(_number(row, "Mu true")) for row in rows)
+    header = ["label", "cells", "found", f"μ mean{unit}", "±", "median", "spread"]
+    header += [f"E mean{unit}", "±", "ν", "μ ratio", "±"]
+    header += [f"μ true{unit}"] if true else []
+    return table(header, [_line(row, true) for row in rows])
+
+
+def _line(row: dict, true: bool) -> list[str]:
+    def error(quantity: str, statistic: str = "standard error", of: str = "mean") -> str:
+        if row["given"]:
+            return ""
+        return _error(_number(row, f"{quantity} {statistic}"), _number(row, f"{quantity} {of}"))
+
+    line = [
+        f"{row['label']} {row.get('name', '')}".strip(),
+        str(row["cells"]),
+        "given" if row["given"] else f"{100 * row['determined']:.0f} %",
+        figure(_number(row, "Mu mean")),
+        error("Mu"),
+        figure(_number(row, "Mu median")),
+        error("Mu", "spread"),
+        figure(_number(row, "YoungModulus mean")),
+        error("YoungModulus"),
+        figure(_number(row, "PoissonRatio mean")),
+        figure(_number(row, "Mu ratio")),
+        _error(_number(row, "Mu ratio standard error"), _number(row, "Mu ratio")),
+    ]
+    return [*line, figure(_number(row, "Mu true"))] if true else line
+
+
+def _number(row: dict, key: str) -> float:
+    """Return a figure of a row; NaN where there is none (JSON has None)."""
+    value = row.get(key)
+    return math.nan if value is None else value
 
 
 def _error(error: float, value: float) -> str:

@@ -6,7 +6,13 @@ import re
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.util.vtkConstants import VTK_INT, VTK_UNSIGNED_CHAR
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray, vtkUnsignedCharArray, vtkVersion
+from vtkmodules.vtkCommonCore import (
+    vtkIdList,
+    vtkPoints,
+    vtkStringArray,
+    vtkUnsignedCharArray,
+    vtkVersion,
+)
 from vtkmodules.vtkCommonDataModel import (
     VTK_HEXAHEDRON,
     VTK_QUAD,
@@ -33,8 +39,8 @@ KINDS = {
 }
 """VTK's number and the number of nodes of each kind of cell."""
 
-INFORMATION_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
-"""Where xx, yy, zz, xy, yz, xz of an array on the wire go in a symmetric matrix."""
+UTF8 = "UTF-8"
+"""Name of the component of arrays of bytes that are a text."""
 
 DISPLACEMENT = re.compile(r"Displacement(?:_(\d+))?$")
 
@@ -77,18 +83,6 @@ def image_to_vtk(image: Image, name: str = "ImageScalars") -> vtkImageData:
     values.SetName(name)
     data.GetPointData().SetScalars(values)
     return data
-
-
-def slice_of_image(image: Image, axis: int, index: int) -> Image:
-    """Return slice `index` across `axis` (0, 1, 2 for i, j, k), in its place in the world."""
-    length = image.size[axis]
-    if not 0 <= index < length:
-        raise InputError(f"slice {index} across {'ijk'[axis]} is not in 0…{length - 1}")
-    cut = [slice(None)] * 3
-    cut[2 - axis] = slice(index, index + 1)
-    step = np.eye(3)[axis] * index
-    origin = image.index_to_world(step[None])[0]
-    return Image(image.array[tuple(cut)], origin, image.spacing, image.direction)
 
 
 # ---- meshes
@@ -138,6 +132,7 @@ def mesh_blocks(grid: vtkUnstructuredGrid) -> tuple[list[tuple[str, np.ndarray]]
     """
     if grid.GetNumberOfCells() == 0:
         raise InputError("the mesh has no cells")
+    check_connectivity(grid)
     types = _cell_types(grid)
     known = {number: (kind, nodes) for kind, (number, nodes) in KINDS.items()}
     others = [number for number in np.unique(types) if number not in known]
@@ -156,6 +151,69 @@ def mesh_blocks(grid: vtkUnstructuredGrid) -> tuple[list[tuple[str, np.ndarray]]
         blocks.append((kind, corners[offsets[members][:, None] + np.arange(nodes)].astype(int)))
         order.append(members)
     return blocks, np.concatenate(order)
+
+
+def check_connectivity(grid: vtkUnstructuredGrid) -> None:
+    """Raise InputError unless every cell has the nodes of its kind, and the mesh has those.
+
+    VTK itself does not look, and reads beyond its arrays where a triangle is called a tetrahedron.
+    """
+    types = _cell_types(grid)
+    offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64)
+    corners = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    counts = np.diff(offsets)
+    if len(counts) != len(types) or (counts < 0).any() or offsets[-1] > len(corners):
+        raise InputError("the cells do not fit the list of their nodes: the file is damaged")
+    for kind, (number, nodes) in KINDS.items():
+        wrong = np.flatnonzero((types == number) & (counts != nodes))
+        if len(wrong):
+            raise InputError(
+                f"{len(wrong)} cells are called {kind} and have another number of nodes than "
+                f"{nodes}, the first is cell {wrong[0]} with {counts[wrong[0]]}: export the mesh "
+                "with the right kind of cells"
+            )
+    n_points = grid.GetNumberOfPoints()
+    if len(corners) and (corners.min() < 0 or corners.max() >= n_points):
+        worst = corners.min() if corners.min() < 0 else corners.max()
+        raise InputError(f"a cell has the node {worst}, but the mesh has nodes 0 to {n_points - 1}")
+
+
+def grid_of_surface(surface) -> vtkUnstructuredGrid:
+    """Return the polygons of vtkPolyData, with their data, as an unstructured grid.
+
+    Lines and vertices are left out. Raises InputError for strips and for polygons of more than
+    four corners.
+    """
+    if surface.GetNumberOfStrips():
+        raise InputError("the surface has triangle strips: triangulate it first")
+    n_polygons = surface.GetNumberOfPolys()
+    before = surface.GetNumberOfVerts() + surface.GetNumberOfLines()
+    grid = vtkUnstructuredGrid()
+    if not n_polygons:
+        return grid
+    corners = np.diff(vtk_to_numpy(surface.GetPolys().GetOffsetsArray()))
+    if ((corners != 3) & (corners != 4)).any():
+        raise InputError("the surface has polygons that are no triangles or quads: triangulate it")
+    types = np.where(corners == 3, VTK_TRIANGLE, VTK_QUAD).astype(np.uint8)
+    grid.SetPoints(surface.GetPoints())
+    grid.SetCells(numpy_to_vtk(types, deep=True), surface.GetPolys())
+    grid.GetPointData().ShallowCopy(surface.GetPointData())
+    grid.GetFieldData().ShallowCopy(surface.GetFieldData())
+    kept = vtkIdList()
+    kept.SetNumberOfIds(n_polygons)
+    for cell in range(n_polygons):
+        kept.SetId(cell, before + cell)
+    cells = surface.GetCellData()
+    grid.GetCellData().CopyAllocate(cells, n_polygons)
+    grid.GetCellData().CopyAllOn()
+    for number in range(cells.GetNumberOfArrays()):
+        array = cells.GetAbstractArray(number).NewInstance()
+        array.SetName(cells.GetAbstractArray(number).GetName())
+        array.SetNumberOfComponents(cells.GetAbstractArray(number).GetNumberOfComponents())
+        array.SetNumberOfTuples(n_polygons)
+        cells.GetAbstractArray(number).GetTuples(kept, array)
+        grid.GetCellData().AddArray(array)
+    return grid
 
 
 def _cell_types(grid: vtkUnstructuredGrid) -> np.ndarray:
@@ -209,9 +267,40 @@ def set_text(grid, name: str, text: str):
 
 
 def get_text(grid, name: str) -> str:
-    """Return a string of the field data, ``""`` if there is none."""
+    """Return a string of the field data, ``""`` if there is none.
+
+    Also one that a host has read from a file itself, where texts are bytes.
+    """
     array = grid.GetFieldData().GetAbstractArray(name)
-    return array.GetValue(0) if array is not None and array.GetNumberOfValues() else ""
+    array = text_of_bytes(array) or array if array is not None else None
+    if array is None or not array.IsA("vtkStringArray") or not array.GetNumberOfValues():
+        return ""
+    return array.GetValue(0)
+
+
+def bytes_of_text(array):
+    """Return a vtkStringArray as bytes (UTF-8, a zero between texts); None for other arrays."""
+    if not array.IsA("vtkStringArray"):
+        return None
+    texts = [array.GetValue(number) for number in range(array.GetNumberOfValues())]
+    encoded = "\0".join(texts).encode("utf-8", "surrogateescape") or b"\0"  # meshio: never empty
+    values = numpy_to_vtk(np.frombuffer(encoded, np.uint8), deep=True)
+    values.SetName(array.GetName())
+    values.SetComponentName(0, UTF8)
+    return values
+
+
+def text_of_bytes(array):
+    """Return the vtkStringArray that :func:`bytes_of_text` had; None for other arrays."""
+    if not array.IsA("vtkUnsignedCharArray") or array.GetComponentName(0) != UTF8:
+        return None
+    encoded = vtk_to_numpy(array).tobytes()
+    texts = [""] if encoded == b"\0" else encoded.decode("utf-8", "replace").split("\0")
+    strings = vtkStringArray()
+    strings.SetName(array.GetName())
+    for text in texts:
+        strings.InsertNextValue(text)
+    return strings
 
 
 def to_json(report: dict) -> str:
@@ -237,14 +326,6 @@ def displacement_names(grid) -> list[str]:
 def information_name(displacement: str) -> str:
     """Return the name of the information array beside a displacement array."""
     return displacement.replace("Displacement", "DisplacementInformation", 1)
-
-
-def matrices(rows: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (n, 3, 3) of rows (n, 6) xx, yy, zz, xy, yz, xz."""
-    full = np.empty((len(rows), 3, 3))
-    for component, (i, j) in enumerate(INFORMATION_COMPONENTS):
-        full[:, i, j] = full[:, j, i] = rows[:, component]
-    return full
 
 
 def _names(data) -> str:

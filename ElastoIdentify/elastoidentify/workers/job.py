@@ -1,4 +1,4 @@
-"""Do a job of :mod:`elastoidentify.pipeline` in another process, so that a host stays responsive.
+"""Call a function in another process, so that a host stays responsive.
 
 The host starts a :class:`BackgroundJob`, polls it from a timer, and may cancel it, which kills the
 process. The process writes its progress to standard output, one line of JSON each, and its result
@@ -19,14 +19,17 @@ import threading
 import time
 import traceback
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import Cancelled, InputError
 from ..progress import Progress
-from .elastix_client import candidate_interpreters, worker_environment
+from .elastix_client import CLEAN_PATH, candidate_interpreters, worker_environment
 
 JOB, RESULT = "job.pickle", "result.pickle"
-TASKS = ("make_mesh", "run")
+_START = (
+    CLEAN_PATH + "import runpy; runpy.run_module('elastoidentify.workers.job', None, '__main__')"
+)
 
 
 class State(enum.Enum):
@@ -39,13 +42,14 @@ class State(enum.Enum):
 
 
 class BackgroundJob:
-    """A process that does one task of the pipeline.
+    """A process that calls one function.
 
     Parameters
     ----------
-    task : "make_mesh" or "run"
-        The function of :mod:`elastoidentify.pipeline` to call with the job.
-    job : Job
+    function : callable
+        Of a module, such as :func:`elastoidentify.pipeline.run`; it also gets ``progress``.
+    *arguments, **keywords
+        Of the call; what can be pickled.
 
     Attributes
     ----------
@@ -56,9 +60,7 @@ class BackgroundJob:
         Why it failed; an InputError is for the user, anything else is a fault of the program.
     """
 
-    def __init__(self, task: str, job):
-        if task not in TASKS:
-            raise ValueError(f"task {task!r}: choose one of {', '.join(TASKS)}")
+    def __init__(self, function: Callable, *arguments, **keywords):
         self.state, self.error = State.RUNNING, None
         self.fraction, self.text = 0.0, "starting"
         self._result = None
@@ -66,9 +68,9 @@ class BackgroundJob:
         self._folder = Path(tempfile.mkdtemp(prefix="elastoidentify-"))
         try:
             with open(self._folder / JOB, "wb") as file:
-                pickle.dump((task, job), file)
+                pickle.dump((function, arguments, keywords), file)
             self._process = subprocess.Popen(
-                [_interpreter(), "-m", "elastoidentify.workers.job", str(self._folder)],
+                [_interpreter(), "-c", _START, str(self._folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -152,7 +154,7 @@ class BackgroundJob:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def result(self):
-        """Return what the task returned, or raise what it raised."""
+        """Return what the function returned, or raise what it raised."""
         if self.state is State.RUNNING:
             raise RuntimeError("the job is still running")
         if self.error is not None:
@@ -194,13 +196,11 @@ def _environment() -> dict[str, str]:
 def main(folder: Path) -> int:
     """Do the job in `folder`; called in the process."""
     threading.Thread(target=_end_with_host, daemon=True).start()
-    from .. import pipeline
-
-    with open(folder / JOB, "rb") as file:
-        task, job = pickle.load(file)
     result, error = None, None
     try:
-        result = getattr(pipeline, task)(job, _report())
+        with open(folder / JOB, "rb") as file:
+            function, arguments, keywords = pickle.load(file)
+        result = function(*arguments, **keywords, progress=_report())
     except InputError as problem:
         error = problem
     except Exception as fault:

@@ -4,7 +4,7 @@ import sys
 
 import elastoidentify as ei
 import numpy as np
-from elastoidentify.filters.identification import CELL_RESULTS
+from elastoidentify.results import QUANTITIES
 from elastoidentify.vtk_io import convert
 from paraview.simple import *  # noqa: F403
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -35,8 +35,9 @@ expected = ei.identify(
     reaction_nodes=point(mesh, "ReactionNodes").astype(bool),
     method="global",
 )
-for name, field in CELL_RESULTS.items():
-    np.testing.assert_allclose(cell(found, name), getattr(expected, field), rtol=1e-12)
+for name, quantity in QUANTITIES.items():
+    expected_values = getattr(expected, quantity.field)
+    np.testing.assert_allclose(cell(found, name), expected_values, rtol=1e-12)
 np.testing.assert_allclose(cell(found, "Mu"), cell(mesh, "TrueMu"), rtol=1e-8)
 
 # ---- ParaView's filters before: only the named part of the mesh, an array scaled by Calculator

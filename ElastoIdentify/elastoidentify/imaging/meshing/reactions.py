@@ -8,17 +8,38 @@ from ...errors import InputError
 from ..image import Image
 
 
-def on_image_border(points: np.ndarray, image: Image) -> np.ndarray:
+def on_image_border(points: np.ndarray, image: Image, seen: Image | None = None) -> np.ndarray:
     """Return which world points (n, 3) lie on the outer voxel edges of the image. Shape (n,).
 
-    The slice direction of a planar image has no border.
+    The slice direction of a planar image has no border. Where `seen`, the image that was segmented,
+    reaches beyond the border of a cropped labelmap, what lies there is seen to be background: such
+    points are not returned.
     """
     size = np.array(image.size)
     index = image.world_to_index(points)
     touching = (np.abs(index + 0.5) < 1e-6 * size) | (np.abs(index - size + 0.5) < 1e-6 * size)
     if image.planar_axis is not None:
         touching[:, image.planar_axis] = False
-    return touching.any(axis=1)
+    touching = touching.any(axis=1)
+    if seen is not None:
+        normal = None if image.planar_axis is None else image.direction[:, image.planar_axis]
+        touching &= ~well_inside(points, seen, normal)
+    return touching
+
+
+def well_inside(points: np.ndarray, image: Image, normal: np.ndarray | None = None) -> np.ndarray:
+    """Return which points (n, 3) have a whole voxel of the image beyond them on every side.
+
+    Neither the slice direction of a planar image counts nor the axis nearest to `normal`, across
+    which there is one slice only.
+    """
+    index, size = image.world_to_index(points), np.array(image.size)
+    inside = (index > 0.5) & (index < size - 1.5)
+    if image.planar_axis is not None:
+        inside[:, image.planar_axis] = True
+    if normal is not None:
+        inside[:, np.abs(normal @ image.direction).argmax()] = True
+    return inside.all(axis=1)
 
 
 def check_boxes(boxes: Sequence[Sequence[float]]) -> list[np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import InputError
 from ...progress import Progress, part
 from ..image import Image
+from .fit import fit_notes
 from .quality import cell_sizes, dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border
 from .regions import remove_islands
@@ -17,6 +18,7 @@ from .triangles import mesh_triangles
 
 MOST_CELLS = 2_000_000
 WRONG_SIZE = 0.03  # relative error of a label's area or volume; beyond it, the notes say so
+NEAR_WHOLE = 1e-3  # labels stored as floats may be off a whole number by so much
 POOR_ANGLE = {2: 25.0, 3: 10.0}  # degrees; below it, the notes say so
 
 
@@ -45,6 +47,16 @@ class LabelMesh:
     reaction_nodes: np.ndarray
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def outer_border(self) -> np.ndarray:
+        """1 for the nodes of the mesh's border: what is cut off later is told by it. (n,) uint8"""
+        corners = np.sort(self.cells, axis=1)
+        sides = np.concatenate([np.delete(corners, k, axis=1) for k in range(corners.shape[1])])
+        sides, count = np.unique(sides, axis=0, return_counts=True)
+        border = np.zeros(len(self.points), np.uint8)
+        border[sides[count == 1]] = 1
+        return border
+
 
 def mesh_segmentation(
     segmentation: Image,
@@ -53,6 +65,7 @@ def mesh_segmentation(
     rigid_labels: int | Sequence[int] = (),
     reaction_boxes: Sequence[Sequence[float]] = (),
     border_reactions: bool = True,
+    seen: Image | None = None,
     progress: Progress | None = None,
 ) -> LabelMesh:
     """Cover the labels of a segmentation with a conforming mesh that follows their borders.
@@ -73,6 +86,9 @@ def mesh_segmentation(
     border_reactions : bool
         Whether nodes on the image border become reaction nodes: what lies beyond is not seen and
         may push.
+    seen : Image, optional
+        The image that was segmented (the rest image). The border of a labelmap that was cropped
+        inside it is free surface, and a labelmap that does not fit it is noted.
     progress : callable, optional
 
     Raises
@@ -91,7 +107,8 @@ def mesh_segmentation(
 
     progress(0.0, "Islands")
     labels, removed = remove_islands(labels, smallest)
-    notes = island_notes(removed, edge_length)
+    notes = fit_notes(segmentation, seen) if seen is not None else []
+    notes += island_notes(removed, edge_length)
     if segmentation.planar_axis is None:
         points, cells, cell_labels = mesh_tetrahedra(
             labels, segmentation.spacing, edge_length, part(progress, 0.02, 0.95)
@@ -128,7 +145,7 @@ def mesh_segmentation(
     points, reaction, cell_labels = points[used], reaction[used], cell_labels[~rigid]
     cells = kept.reshape(len(cell_labels), -1)
     if border_reactions:
-        reaction |= on_image_border(points, segmentation)
+        reaction |= on_image_border(points, segmentation, seen)
     for number, bounds in enumerate(boxes, start=1):
         inside = inside_box(points, bounds, 1e-6 * edge_length)
         reaction |= inside
@@ -159,11 +176,14 @@ def checked_labels(segmentation: Image) -> np.ndarray:
         raise InputError(
             "the segmentation has values that are not finite: set background voxels to 0"
         )
-    if values.dtype.kind == "f" and (values != np.rint(values)).any():
-        raise InputError(
-            "the segmentation has fractional values: give a labelmap with whole numbers, not an "
-            "image or a probability map"
-        )
+    if values.dtype.kind == "f":
+        whole = np.rint(values)
+        if (np.abs(values - whole) > NEAR_WHOLE).any():
+            raise InputError(
+                "the segmentation has fractional values: give a labelmap with whole numbers, not "
+                "an image or a probability map"
+            )
+        values = whole
     if values.size and values.min() < 0:
         raise InputError(
             f"the segmentation has negative labels (down to {values.min():g}): use 0 for "

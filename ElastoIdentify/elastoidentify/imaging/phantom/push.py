@@ -9,6 +9,7 @@ from scipy import ndimage
 from scipy.sparse.linalg import splu
 
 from ...errors import InputError
+from ...installation import needs
 from ...progress import Progress, silent
 
 # Air beside the block carries the displacement on outward, so that pushed images can be rendered
@@ -151,7 +152,7 @@ def solve_pushes(
     try:
         import skfem
     except ImportError:
-        raise InputError("phantoms need scikit-fem: pip install 'elastoidentify[demo]'") from None
+        raise InputError(f"making a phantom {needs('scikit-fem', 'demo')}") from None
     if kinematics not in ("small-strain", "neo-hookean"):
         raise InputError(f"kinematics {kinematics!r}: give small-strain or neo-hookean")
     progress = progress or silent

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...errors import InputError
+from ...installation import hint
 from ..image import Image
 
 MNI152_T1 = "mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz"
@@ -30,8 +31,8 @@ def mni152_path() -> Path:
         if file.name == MNI152_T1 and Path(file.locate()).is_file():
             return Path(file.locate())
     raise InputError(
-        "the MNI152 template is missing: pip install 'elastoidentify[demo]' (it comes with the "
-        "nilearn package), or name an image of your own with --image"
+        f"the MNI152 template is missing, {hint('demo')} (it comes with the nilearn package), or "
+        "name an image of your own with --image"
     )
 
 

@@ -1,0 +1,127 @@
+"""The misfit of the regularized fit: a sum of terms, each a set of measured numbers.
+
+A term is anything with the methods of :class:`Term`. To fit something else that was measured, say
+the force on the pad, add a class whose slopes give that number's derivatives by the displacements
+(rows of ``state.K``) and by the parameters (rows of ``state.R``).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from .equilibrium import Equilibrium, State
+from .observations import block_diagonal
+
+
+@dataclass
+class Observation:
+    """One trial's part of a term at one state: k numbers, seen to first order.
+
+    A change of the state changes them by by_eta @ dη + by_x @ dx.
+    """
+
+    residual: np.ndarray  # (k,) measured − computed
+    by_eta: sp.csr_matrix  # (k, n_eta)
+    by_x: sp.csr_matrix | None  # (k, n_x); None: zero
+    weight: sp.csr_matrix  # (k, k) inverse covariance, up to the noise scale
+    root: sp.csr_matrix  # covariance = root rootᵀ
+    scaled: bool  # whether the covariance is to be multiplied by the noise scale, squared
+
+    def factor(self, scale: float) -> float:
+        """Return what the covariance is multiplied by."""
+        return scale**2 if self.scaled else 1.0
+
+
+class Term(Protocol):
+    """A set of measurements."""
+
+    def observe(self, state: State) -> list[Observation]:
+        """Return the trials' observations at a state."""
+
+    @property
+    def n_equations(self) -> int:
+        """Numbers measured, less those that the held nodes' motion can fit by itself."""
+
+
+class Displacements:
+    """The measured displacements of the mesh's nodes, each node with its own covariance."""
+
+    def __init__(self, forward: Equilibrium):
+        noise, d = forward.problem.noise, forward.mesh.dim
+        nodes = forward.nodes[forward.measured]
+        rows = (np.flatnonzero(forward.measured)[:, None] * d + np.arange(d)).ravel()
+        n = len(rows)
+        self.pick = sp.csr_matrix((np.ones(n), (np.arange(n), rows)), (n, forward.n_eta))
+        self.data = forward.data[(nodes[:, None] * d + np.arange(d)).ravel()]
+        self.n_equations = self.data.size - self.data.shape[1] * len(forward.held)
+        shared = noise.information is None
+        n_trials = self.data.shape[1]
+        C = [noise.covariances(t)[nodes] for t in range(1 if shared else n_trials)]
+        weight = [block_diagonal(np.linalg.inv(c)) for c in C]
+        root = [block_diagonal(np.linalg.cholesky(c)) for c in C]
+        self.weight, self.root = (x * n_trials if shared else x for x in (weight, root))
+
+    def observe(self, state):
+        residual = self.data - self.pick @ state.eta
+        return [
+            Observation(r, self.pick, None, W, root, True)
+            for r, W, root in zip(residual.T, self.weight, self.root, strict=True)
+        ]
+
+
+class Misfit:
+    """The sum of its terms at one state."""
+
+    def __init__(self, terms: list[Term], state: State):
+        self.terms = [term.observe(state) for term in terms]
+
+    def value(self) -> float:
+        """Return Σ rᵀ W r over the terms that the noise scale multiplies."""
+        return sum(
+            float(o.residual @ (o.weight @ o.residual)) for t in self.terms for o in t if o.scaled
+        )
+
+    def residuals(self) -> list[list[np.ndarray]]:
+        """Return per term and trial measured − computed, (k, 1)."""
+        return [[o.residual[:, None] for o in term] for term in self.terms]
+
+    def noise(self, random: np.random.Generator, m: int, scale: float):
+        """Return per term and trial m samples of the measurements' errors, (k, m)."""
+        return [
+            [
+                np.sqrt(o.factor(scale)) * (o.root @ random.standard_normal((o.root.shape[1], m)))
+                for o in term
+            ]
+            for term in self.terms
+        ]
+
+    def weighted(self, numbers, scale: float) -> list[np.ndarray]:
+        """Return the gradients of ½ Σ vᵀ W v / σ² by η, per trial, and by x; v per term, trial."""
+        by_eta, by_x = [0] * len(self.terms[0]), 0
+        for term, parts in zip(self.terms, numbers, strict=True):
+            for t, (o, v) in enumerate(zip(term, parts, strict=True)):
+                w = o.weight @ v / o.factor(scale)
+                by_eta[t] = by_eta[t] + o.by_eta.T @ w
+                if o.by_x is not None:
+                    by_x = by_x + o.by_x.T @ w
+        return by_eta, by_x
+
+    def gram(self, numbers, scale: float) -> np.ndarray:
+        """Return Σ vᵀ W v / σ², (m, m), for numbers v (k, m) per term and trial."""
+        return sum(
+            v.T @ (o.weight @ v) / o.factor(scale)
+            for term, parts in zip(self.terms, numbers, strict=True)
+            for o, v in zip(term, parts, strict=True)
+        )
+
+    def seen(self, dx, deta):
+        """Return per term and trial the change of the numbers for dx (n_x, m), None: 0, and dη."""
+        return [
+            [
+                o.by_eta @ d + (0 if o.by_x is None or dx is None else o.by_x @ dx)
+                for o, d in zip(term, deta, strict=True)
+            ]
+            for term in self.terms
+        ]

@@ -1,0 +1,121 @@
+"""Factors of sparse symmetric matrices: one interface over scipy's SuperLU and MKL's PARDISO.
+
+PARDISO (Intel MKL through `pypardiso`, the extra ``fast``) keeps half of a symmetric matrix and
+solves for many right-hand sides at once; it is taken where it is installed. SuperLU is always
+there; nested dissection of the unknowns' places gives it an order with little fill.
+"""
+
+import os
+from functools import cache
+
+import numpy as np
+import scipy.sparse as sp
+
+from .ldl import QuasiDefiniteSolver, nested_dissection
+
+CHOICE = "ELASTOIDENTIFY_FACTORISATION"  # environment variable: superlu or pardiso
+SMALL = 1_500  # unknowns for which PARDISO's set-up costs more than it saves
+
+
+class Factoriser:
+    """Makes factors of matrices of one pattern, and remembers their order.
+
+    Parameters
+    ----------
+    places : (n, d)
+        Where each unknown is.
+    definite : bool
+        Whether the matrices are positive definite; else symmetric with no need of large pivots.
+    """
+
+    def __init__(self, places: np.ndarray, definite: bool = True):
+        self.places, self.definite, self.order = places, definite, None
+        self.name = factorisation() if len(places) >= SMALL else "superlu"
+
+    def __call__(self, matrix: sp.spmatrix):
+        """Return factors with ``solve(right)``, right (n,) or (n, m).
+
+        Raises
+        ------
+        RuntimeError
+            Where the matrix is singular or not finite.
+        """
+        if not np.isfinite(matrix.data).all():
+            raise RuntimeError("the matrix has values that are not finite")
+        if self.name == "pardiso":
+            return Pardiso(matrix, self.definite)
+        if self.order is None:
+            self.order = nested_dissection(matrix, self.places)
+        return QuasiDefiniteSolver(matrix, self.order)
+
+
+@cache
+def factorisation() -> str:
+    """Return "pardiso" where it is installed and works, else "superlu"."""
+    wanted = os.environ.get(CHOICE, "")
+    if wanted == "superlu":
+        return wanted
+    try:
+        _mkl()
+        trial = Pardiso(sp.diags([4.0, 1.0, 1.0], [0, 1, -1], (5, 5), format="csr"), True)
+        return "pardiso" if np.isfinite(trial.solve(np.ones(5))).all() else "superlu"
+    except Exception:  # a broken MKL may raise anything, and there is a way without it
+        return "superlu"
+
+
+@cache
+def _mkl():
+    """Return pypardiso's solver class, with MKL set to give the same digits every time."""
+    from pypardiso import PyPardisoSolver
+
+    library = PyPardisoSolver().libmkl
+    # it would search the disk for the library once for every solver
+    os.environ.setdefault("PYPARDISO_MKL_RT", library._name)
+    if hasattr(library, "MKL_CBWR_Set"):
+        library.MKL_CBWR_Set(2)  # MKL_CBWR_AUTO: the same path in every run on this processor
+    return PyPardisoSolver
+
+
+class Pardiso:
+    """LLᵀ (definite) or LDLᵀ factors by MKL PARDISO, of the upper triangle."""
+
+    # (number, value), counted from 1 as in MKL's manual: nested dissection by METIS, no refinement,
+    # no scaling or matching (they are for unsymmetric pivots), 1×1 and 2×2 pivots, entries counted
+    PARAMETERS = ((1, 1), (2, 2), (8, 0), (10, 8), (11, 0), (13, 0), (18, -1), (21, 1), (24, 0))
+
+    def __init__(self, matrix: sp.spmatrix, definite: bool):
+        matrix = sp.triu(matrix, format="csr")
+        matrix.sort_indices()
+        self.n, self.matrix = matrix.shape[0], matrix
+        self.solver = _mkl()(mtype=2 if definite else -2)
+        self.solver._check_A = lambda A: None  # it would refuse a triangle
+        for number, value in self.PARAMETERS:
+            self.solver.set_iparm(number, value)
+        self._call(12, np.zeros((self.n, 1)))
+
+    def _call(self, phase, right):
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
+        self.solver.set_phase(phase)
+        try:
+            return self.solver._call_pardiso(self.matrix, right)
+        except PyPardisoError as failed:
+            raise RuntimeError(f"PARDISO: {failed}") from failed
+
+    @property
+    def entries(self) -> int:
+        """Entries of the factor."""
+        return int(self.solver.iparm[17])
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Return the solution for right-hand sides (n,) or (n, m)."""
+        right = np.asarray(right, float)
+        columns = np.asfortranarray(right.reshape(self.n, -1))
+        if not columns.size:
+            return right.copy()
+        return np.asarray(self._call(33, columns)).reshape(right.shape)
+
+    def __del__(self):
+        if hasattr(self, "solver"):
+            self.solver.set_phase(-1)
+            self.solver._call_pardiso(self.matrix, np.zeros((self.n, 1)))

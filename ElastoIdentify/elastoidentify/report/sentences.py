@@ -1,0 +1,73 @@
+"""Reports as lines for people."""
+
+from .terminal import figure, seconds
+
+
+def report_lines(report: dict, informed: bool = False, length: str = "mm") -> list[str]:
+    """Return what a person should know of an IdentificationReport, without the warnings.
+
+    Parameters
+    ----------
+    report : dict
+    informed : bool
+        The displacements came with their information, which the noise is then a multiple of.
+    length : str
+        Unit of the displacements.
+    """
+    lines = [report["verdict"]["sentence"]] if "verdict" in report else []
+    lines += [
+        f"method: {report.get('method')}, {report.get('kinematics')}, "
+        f"{_count(report.get('trials'), 'trial')}, unknowns {report.get('unknowns')} per "
+        f"{report.get('grouping')}"
+    ]
+    if report.get("auto"):
+        lines.append(f"chosen because: {report['auto']}")
+    if report.get("noise_scale") is not None:
+        given = bool(report.get("noise_given"))
+        size = (
+            f"{figure(report['noise_scale'])} × what the images' information predicts"
+            if informed and not given
+            else f"{figure(report['noise_scale'])} {length} per displacement component"
+        )
+        lines.append(f"noise: {size} ({'given' if given else 'estimated'})")
+    if report.get("prior_weight"):
+        weights = ", ".join(figure(weight) for weight in report["prior_weight"])
+        lines.append(
+            f"prior: weight {weights} chosen by {report.get('prior_rule')}; "
+            f"{figure(report.get('effective_parameters'))} effective of "
+            f"{report.get('parameters')} parameters"
+        )
+    if report.get("misfit") is not None:
+        lines.append(f"misfit: {figure(report['misfit'])} (1: as large as the noise)")
+    return lines
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def provenance_lines(made: dict) -> list[str]:
+    """Return how a result was made, a line per fact."""
+    versions = ", ".join(f"{name} {version}" for name, version in made["libraries"].items())
+    lines = [
+        f"elastoidentify {made['elastoidentify']} (Python {made['python']}, {versions})",
+        f"finished {made['finished']}"
+        + ("" if made.get("duration_s") is None else f" after {seconds(made['duration_s'])}"),
+    ]
+    for name, prints in made["inputs"].items():
+        several = prints if isinstance(prints, list) else [prints]
+        for number, one in enumerate(several, 1):
+            title = f"{name} {number}" if len(several) > 1 else name
+            lines.append(f"{title}: {one['name'] or 'in memory'}, SHA-256 {one['sha256']}")
+    lines += [f"{name}: {_value(value)}" for name, value in made["options"].items()]
+    return lines
+
+
+def _value(value) -> str:
+    if isinstance(value, (list, tuple)):
+        return "; ".join(_row(row) for row in value) or "none"
+    return "none" if value in (None, "") else str(value)
+
+
+def _row(row) -> str:
+    return ", ".join(map(str, row)) if isinstance(row, (list, tuple)) else str(row)

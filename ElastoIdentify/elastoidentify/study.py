@@ -1,0 +1,308 @@
+"""THE table of options: everything that can be chosen on the way from images to the map.
+
+One class per step. To add an option: declare it here, and give the step's function the parameter
+of its name. Every host picks it up: command line, VTK filters, ParaView, 3D Slicer, the page of
+options in the docs; Testing has one test per host that goes through the tables.
+"""
+
+import math
+
+from .errors import InputError
+from .options import Choice, File, Flag, Number, Picture, Rows, Table, Text
+
+METHODS = ("auto", "sequential", "global", "regularized")
+LAWS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
+
+
+def check_material(label: int, young: float, poisson: float) -> None:
+    """Refuse constants that no isotropic elastic material has."""
+    if not young > 0 or math.isinf(young):
+        raise InputError(
+            f"known label {label}: Young's modulus is {young:g}, it must be a positive number"
+        )
+    if not -1 < poisson < 0.5:
+        raise InputError(
+            f"known label {label}: Poisson's ratio is {poisson:g}, it must be above -1 and below "
+            "0.5 (0.499 for incompressible materials)"
+        )
+
+
+class MeshOptions(Table):
+    """From a segmentation to a mesh."""
+
+    segmentation = Picture("Labelmap; 0 is background.", group="Images", metavar="SEG")
+    edge_length = Number(
+        0.0,
+        "Length of the cells' edges. 0: twelve times the smallest spacing of the image.",
+        unit="length",
+        minimum=0.0,
+        group="Mesh",
+        metavar="LENGTH",
+        own_choice=0.0,
+    )
+    slice_axis = Choice(
+        "none",
+        "Mesh one slice across this image axis instead of the whole volume.",
+        ("none", "i", "j", "k"),
+        group="Mesh",
+        keyword="",
+    )
+    slice_index = Number(
+        -1,
+        "Number of that slice, from 0. -1: the middle one.",
+        minimum=-1,
+        kind=int,
+        group="Mesh",
+        keyword="",
+    )
+    rigid_labels = Rows(
+        "RigidLabel",
+        "Labels of rigid bodies (floor, indenter). They are not meshed, and may push where they "
+        "touch the tissue.",
+        ["label"],
+        kinds=[int],
+        group="Mesh",
+        flags=["--rigid"],
+        metavar="LABEL",
+    )
+    reaction_boxes = Rows(
+        "ReactionBox",
+        "Boxes of the world in which an outside body may push.",
+        ["x0", "x1", "y0", "y1", "z0", "z1"],
+        lengths=[4, 6],
+        unit="length",
+        group="Mesh",
+        advanced=True,
+        flags=["--reaction-box"],
+        metavar="X0,X1,Y0,Y1[,Z0,Z1]",
+    )
+    border_reactions = Flag(
+        True,
+        "An outside body may push at the image's border: no force balance there.",
+        off_flag="--free-border",
+        group="Mesh",
+        advanced=True,
+    )
+
+
+class RegistrationOptions(Table):
+    """From images to the displacements of the mesh's nodes."""
+
+    rest = Picture(
+        "Image at rest. Without it the first pushed image takes its place, on which the mesh must "
+        "have been made then.",
+        optional=True,
+        group="Images",
+        metavar="IMAGE",
+    )
+    pushed = Picture(
+        "Pushed image of a trial.", repeatable=True, group="Images", metavar="IMAGE", required=True
+    )
+    mask = Picture(
+        "Compare the images where it is not 0; leave room around the object.",
+        optional=True,
+        group="Registration",
+        advanced=True,
+        metavar="IMAGE",
+    )
+    reference = Choice(
+        "rest",
+        "What each pushed image is registered to: the rest image, or the pushed image before it, "
+        "for a series of ever larger pushes.",
+        ("rest", "previous"),
+        group="Registration",
+        advanced=True,
+    )
+    backward = Flag(
+        True,
+        "Also register from pushed to rest: takes twice the time and tells how far the "
+        "displacements can be trusted.",
+        off_flag="--no-backward",
+        group="Registration",
+        advanced=True,
+    )
+    correlation = Flag(
+        True,
+        "Correct the displacements by a step of image correlation on the mesh.",
+        off_flag="--no-correlation",
+        keyword="refine",
+        group="Registration",
+        advanced=True,
+    )
+    parameter_file = File(
+        "elastix parameter file instead of ours, or 'affine' or 'bspline'; several: one "
+        "after the other.",
+        extensions="txt",
+        description="elastix parameter file",
+        keyword="parameters",
+        group="Registration",
+        advanced=True,
+        flags=["--parameters"],
+        metavar="FILE",
+    )
+
+
+class IdentificationOptions(Table):
+    """From displacements to the Lamé constants."""
+
+    known_materials = Rows(
+        "KnownMaterial",
+        "Materials whose stiffness is known: label, Young's modulus (its unit is the unit of the "
+        "result) and Poisson's ratio.",
+        ["Label", "Young's modulus", "Poisson's ratio"],
+        kinds=[int, float, float],
+        check_row=check_material,
+        unique=True,
+        keyword="",
+        group="Materials",
+        flags=["--known"],
+        metavar="LABEL:E=5000,nu=0.43",
+    )
+    unknowns = Choice(
+        "lambda-mu",
+        "What to find: both Lamé constants, which is right whatever Poisson's ratio is, or "
+        "Young's modulus alone, for which Poisson's ratio must be known to about 0.01.",
+        ("lambda-mu", "young"),
+        group="Materials",
+    )
+    poisson_ratio = Number(
+        None,
+        "Poisson's ratio of the unknown cells where only Young's modulus is sought.",
+        above=-1.0,
+        below=0.5,
+        needs=("unknowns", "young"),
+        form_start=0.45,
+        group="Materials",
+        flags=["--poisson", "--poisson-ratio"],
+        metavar="NU",
+    )
+    grouping = Choice(
+        "cell",
+        "One unknown material per cell, or one per label.",
+        ("cell", "label"),
+        group="Materials",
+        flags=["--grouping", "--group"],
+    )
+    method = Choice(
+        "auto",
+        "sequential: node by node from the known cells, for clean displacements; global: all "
+        "nodes at once; regularized: for measured displacements; auto: sequential, and regularized "
+        "where its own error says that it cannot be trusted.",
+        METHODS,
+        group="Method",
+    )
+    kinematics = Choice(
+        "small-strain",
+        "Small strain for pushes of up to about two percent; the finite-strain laws for larger "
+        "ones.",
+        LAWS,
+        group="Method",
+    )
+    plane = Choice(
+        "strain",
+        "Plane strain (thick bodies) or plane stress (thin ones). For planar meshes.",
+        ("strain", "stress"),
+        group="Method",
+        advanced=True,
+    )
+    noise = Number(
+        0.0,
+        "Standard deviation of a displacement component. 0: estimated.",
+        unit="length",
+        minimum=0.0,
+        own_choice=0.0,
+        group="Method",
+        advanced=True,
+        metavar="LENGTH",
+    )
+    refine = Number(
+        0,
+        "Sub-cells per cell of the regularized method's forward problem: 1, 4 or 16. 0: the "
+        "method's own choice.",
+        minimum=0,
+        maximum=16,
+        kind=int,
+        own_choice=0,
+        group="Method",
+        advanced=True,
+        flags=["--refine", "--sub-cells"],
+        metavar="N",
+    )
+    element = Choice(
+        "locking-free",
+        "Cells of the regularized method's forward problem: with the dilatation averaged over "
+        "patches of neighbours, which is right near incompressibility, or plain linear ones.",
+        ("locking-free", "linear"),
+        group="Method",
+        advanced=True,
+    )
+    reference_label = Number(
+        0,
+        "Label to which the ratios in the table of labels refer. 0: the largest unknown one.",
+        minimum=0,
+        kind=int,
+        own_choice=0,
+        group="Report",
+        advanced=True,
+        metavar="LABEL",
+    )
+
+
+class ReportOptions(Table):
+    """How results are shown; the numbers stay as they are."""
+
+    unit = Text(
+        "Pa",
+        "Unit of the known Young's moduli, and so of the map.",
+        group="Report",
+        keyword="",
+        metavar="UNIT",
+    )
+    length_unit = Text(
+        "mm", "Unit of lengths.", group="Report", keyword="", advanced=True, metavar="UNIT"
+    )
+
+
+class ReadOptions(Table):
+    """Which part of a file or folder is the image; for hosts that read files themselves."""
+
+    series = Text(
+        "",
+        "Which series of a DICOM folder, by its number, description or identifier.",
+        group="Images",
+        advanced=True,
+        keyword="",
+        metavar="SERIES",
+    )
+    frame = Number(
+        0,
+        "Which frame of a cine, from 1. 0: files of one frame.",
+        minimum=0,
+        kind=int,
+        own_choice=0,
+        group="Images",
+        advanced=True,
+        keyword="",
+        metavar="N",
+    )
+
+
+STEPS = {
+    "mesh": MeshOptions,
+    "register": RegistrationOptions,
+    "identify": IdentificationOptions,
+    "report": ReportOptions,
+}
+"""Step → its table, in the order of the work."""
+
+
+class Study(MeshOptions, RegistrationOptions, IdentificationOptions, ReportOptions):
+    """One study: images and every choice, from segmentation to report.
+
+    ``Study(segmentation=…, rest=…, pushed=[…], known_materials={1: (5000, 0.45)}, …)``
+    """
+
+    @classmethod
+    def options(cls):
+        """Return all options by name, in the order of the work."""
+        return {k: v for table in STEPS.values() for k, v in table.options().items()}
