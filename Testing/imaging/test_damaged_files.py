@@ -92,6 +92,21 @@ def test_a_transform_whose_numbers_do_not_fit_its_grid(tmp_path, old, new):
         displacement_from_transform(tmp_path / "a.tfm", NODES)
 
 
+@pytest.mark.parametrize("at", [0, 4, 8, 12, 16])
+@pytest.mark.parametrize("value", [-1, 1000, 2**30])
+def test_a_matlab_transform_whose_header_does_not_fit(tmp_path, at, value):
+    affine = sitk.AffineTransform(3)
+    affine.SetTranslation([0.1, 0.2, 0])
+    sitk.WriteTransform(affine, str(tmp_path / "a.mat"))
+    found = displacement_from_transform(tmp_path / "a.mat", NODES)
+    assert np.allclose(found.displacement, [0.1, 0.2, 0])
+    whole = (tmp_path / "a.mat").read_bytes()
+    lie = whole[:at] + struct.pack("<i", value) + whole[at + 4 :]
+    (tmp_path / "a.mat").write_bytes(lie)
+    with pytest.raises(InputError, match="damaged"):
+        displacement_from_transform(tmp_path / "a.mat", NODES)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.77, 0.95])
 def test_a_cut_hdf5_transform(tmp_path, share, capfd):
     array = np.full((2, 10, 10, 3), 0.25)
