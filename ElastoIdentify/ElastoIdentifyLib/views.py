@@ -62,14 +62,15 @@ def show_result(result, request) -> None:
     manager.layoutLogic().GetLayoutNode().AddLayoutDescription(LAYOUT, LAYOUT_DESCRIPTION)
     manager.setLayout(LAYOUT)
     _renew_legend(result.model)
-    turn_to_map(slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed"), result.model, request)
+    red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+    turn_to_map(red, result.model, request)
     logic = slicer.app.applicationLogic()
     selection = logic.GetSelectionNode()
     selection.SetActiveTableID(result.table.GetID())
     selection.SetActivePlotChartID(result.chart.GetID())
     logic.PropagateTableSelection()
     logic.PropagatePlotChartSelection()
-    slicer.util.resetThreeDViews()
+    turn_camera(slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLViewNode"), result.model, red)
 
 
 def _renew_legend(model) -> None:
@@ -85,6 +86,32 @@ def turn_to_map(slice_node, model, request) -> None:
     _turn_to_slices(slice_node, request.restVolume, request.sliceAxis)
     points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
     slice_node.JumpSliceByOffsetting(*(points.max(axis=0) + points.min(axis=0)) / 2)
+
+
+def turn_camera(view_node, model, slice_node) -> None:
+    """Look at a model in a 3-D view as a slice view does, but a little from the side.
+
+    Slicer's own reset of a view keeps the axis along which it looks; a plane may be seen along its
+    edge then, which shows nothing.
+    """
+    name = view_node.GetLayoutName()
+    cameras = slicer.util.getNodesByClass("vtkMRMLCameraNode")
+    camera = next((camera for camera in cameras if camera.GetLayoutName() == name), None)
+    if camera is None:
+        return
+    right, up = slicer.util.arrayFromVTKMatrix(slice_node.GetSliceToRAS())[:3, :2].T
+    towards = np.cross(right, up) + 0.2 * right - 0.35 * up
+    towards /= np.linalg.norm(towards)
+    points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
+    distance = radius / np.sin(np.radians(camera.GetViewAngle()) / 2)
+    was_modified = camera.StartModify()
+    camera.SetFocalPoint(*centre)
+    camera.SetPosition(*(centre + distance * towards))
+    camera.SetViewUp(*up)
+    camera.EndModify(was_modified)
+    camera.ResetClippingRange()
 
 
 def show_volume(volume) -> None:

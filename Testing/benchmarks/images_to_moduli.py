@@ -28,8 +28,9 @@ from elastoidentify.imaging.meshing import mesh_segmentation
 from elastoidentify.imaging.phantom.planar import Inclusion, Phantom, make_phantom
 from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
 from elastoidentify.imaging.registration.registration import register
-from elastoidentify.pipeline import SYMMETRIC, cell_blocks
+from elastoidentify.pipeline import cell_blocks
 from elastoidentify.report.terminal import TerminalProgress
+from elastoidentify.results import to_matrices
 from elastoidentify.workers.elastix_client import ElastixProcess
 
 PAD, TISSUE, INCLUSION = 1, 2, 3
@@ -144,7 +145,7 @@ def make_case(
         mesh.labels,
         mesh.reaction_nodes.astype(bool),
         {"informed": measured, "plain": measured, "exact": exact},
-        found.information[..., SYMMETRIC],
+        to_matrices(found.information),
         error,
     )
 

@@ -122,31 +122,15 @@ def test_information_that_is_no_inverse_covariance_is_refused(rows):
         checks.information(grid, ["Displacement_1"])
 
 
-def test_displacements_in_another_unit_or_order_are_seen():
+def test_displacements_in_another_unit_are_refused():
     grid = block(12)
-    u = convert.get_array(grid.GetPointData(), "Displacement_1").copy()
-    assert checks.displacement_notes(grid, ["Displacement_1"]) == []
-    convert.set_array(grid.GetPointData(), "Displacement_1", u / 1000)
-    assert "unit of length" in checks.displacement_notes(grid, ["Displacement_1"])[0]
-    convert.set_array(grid.GetPointData(), "Displacement_1", u * 1000)
-    with pytest.raises(InputError, match="unit of length"):
-        checks.displacement_notes(grid, ["Displacement_1"])
-    shuffled = np.random.default_rng(0).permutation(u)
-    convert.set_array(grid.GetPointData(), "Displacement_1", shuffled)
-    assert "another order" in checks.displacement_notes(grid, ["Displacement_1"])[0]
-
-
-def test_displacements_in_reverse_order_are_seen_on_an_unstructured_mesh():
-    grid = block(12)
-    order = np.random.default_rng(1).permutation(grid.GetNumberOfPoints())
-    points, [(kind, cells)] = convert.mesh_points(grid), convert.mesh_blocks(grid)[0]
-    number = np.argsort(order)
-    made = convert.mesh_to_vtk(points[order], [(kind, number[cells])])
-    u = convert.get_array(grid.GetPointData(), "Displacement_1")[order]
-    convert.set_array(made.GetPointData(), "Displacement_1", u)
-    assert checks.displacement_notes(made, ["Displacement_1"]) == []
-    convert.set_array(made.GetPointData(), "Displacement_1", u[::-1])
-    assert "reverse order" in checks.displacement_notes(made, ["Displacement_1"])[0]
+    u = convert.get_array(grid.GetPointData(), "Displacement_1").astype(float)
+    checks.check_unit(grid, u[None], ["Displacement_1"])
+    checks.check_unit(grid, np.full_like(u[None], np.nan), ["Displacement_1"])  # a lost trial
+    with pytest.raises(InputError, match=r"Displacement_1.*unit of length"):
+        checks.check_unit(grid, 1000 * u[None], ["Displacement_1"])
+    no_weight = np.zeros((1, len(u), 3, 3))
+    checks.check_unit(grid, 1000 * u[None], ["Displacement_1"], no_weight)
 
 
 def test_triangles_called_tetrahedra_are_refused_not_read_beyond_the_end(tmp_path):

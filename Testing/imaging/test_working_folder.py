@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 from elastoidentify.imaging.image import Image
-from elastoidentify.pipeline import Job
+from elastoidentify.pipeline import make_mesh
+from elastoidentify.study import Study
 from elastoidentify.workers import elastix_client
 from elastoidentify.workers.job import BackgroundJob, State
 
@@ -58,7 +59,7 @@ def test_the_registration_worker_runs_nothing_there(trapped, monkeypatch):
 def test_the_background_process_runs_nothing_there(trapped):
     labels = np.zeros((1, 30, 30), np.uint8)
     labels[:, 5:25, 5:25] = 1
-    job = BackgroundJob("make_mesh", Job(Image(labels), 5.0, {}))
+    job = BackgroundJob(make_mesh, Study(segmentation=Image(labels), edge_length=5.0))
     mesh = job.wait()
     assert job.state is State.DONE and len(mesh.cells) > 10
     assert not trapped.exists()

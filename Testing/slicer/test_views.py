@@ -129,6 +129,25 @@ def test_the_layout_shows_slice_3d_table_and_chart_of_the_result(layouts):
     assert composite.GetBackgroundVolumeID() == inputs["restVolume"].GetID()
 
 
+@pytest.mark.parametrize("plane", ["axial", "coronal", "sagittal"])
+def test_the_map_is_seen_in_the_3d_view_with_the_camera_that_slicer_starts_with(layouts, plane):
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    turn = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    turn.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(turns(plane)))
+    for node in (inputs["restVolume"], result.model):
+        node.SetAndObserveTransformNodeID(turn.GetID())
+    for node in (inputs["restVolume"], result.model):
+        node.HardenTransform()
+    ElastoIdentifyLogic.showResult(result, Request(**inputs))
+    with space_view(node=views_of_layout(layouts)["vtkMRMLViewNode"]) as space:
+        ElastoIdentifyLogic.showResult(result, Request(**inputs))
+        after = space.array()
+    low, high = (cube_helix(np.array([b]))[0] * 255 for b in (0.15, 0.85))
+    assert share_of(after, low) > 0.03
+    assert share_of(after, high) > 0.08
+
+
 def test_without_a_main_window_nothing_is_shown_and_nothing_fails():
     inputs, _ = sample.add_exact_push()
     result = ElastoIdentifyLogic().process(**inputs)

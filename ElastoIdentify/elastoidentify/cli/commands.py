@@ -230,7 +230,7 @@ def _read(arguments, table: type[Table]) -> _Files:
     """Read every image that was named."""
     from ..provenance import fingerprint
 
-    said, inputs, names = options.chosen(arguments, table), {}, {}
+    said, inputs, names = _said(arguments, table), {}, {}
     values = {k: v for k, v in said.items() if not isinstance(table.options()[k], Picture)}
     for name in said.keys() - values.keys():
         paths = said[name]
@@ -271,11 +271,18 @@ def _say_notes(path: str, image) -> None:
 
 def _identification(arguments) -> dict:
     """Return what was said of identification and report, by name."""
-    return {
-        name: value
-        for table in (IdentificationOptions, ReportOptions)
-        for name, value in options.chosen(arguments, table).items()
-    }
+    return _said(arguments, IdentificationOptions) | _said(arguments, ReportOptions)
+
+
+def _said(arguments, table: type[Table]) -> dict:
+    """Return the options of a table that were said; one that says nothing alone is refused."""
+    said = options.chosen(arguments, table)
+    for name in said:
+        needs = table.options()[name].needs
+        if needs and said.get(needs[0], table.options()[needs[0]].default) != needs[1]:
+            flag, other = (table.options()[one].flags[0] for one in (name, needs[0]))
+            raise InputError(f"{flag} says something only with {other} {needs[1]}: add it")
+    return said
 
 
 # ---- files out

@@ -72,8 +72,8 @@ def coincident(points: np.ndarray, blocks: Blocks, tolerance: float = 1e-5) -> n
     ends = edges(blocks)
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     lengths = lengths[lengths > 0]
-    if not len(lengths):
-        return first
+    if not len(lengths) or not np.isfinite(lengths).all() or lengths.max() > 1e150:
+        return first  # nothing that could be near
     reach = min(tolerance * np.median(lengths), 0.1 * lengths.min())
     pairs = cKDTree(points[used]).query_pairs(reach, output_type="ndarray")
     if not len(pairs):

@@ -75,6 +75,8 @@ class PushingPhantom(Filter):
         set_array(grid.GetCellData(), "TrueLambda", lam)
         set_array(grid.GetCellData(), "TrueMu", mu)
         set_array(grid.GetPointData(), "ReactionNodes", held.astype(np.uint8))
+        border = ((points == points.min(axis=0)) | (points == points.max(axis=0))).any(axis=1)
+        set_array(grid.GetPointData(), "OuterBorder", border.astype(np.uint8))
         trials = self._pushed(points, cells, lam, mu, held, progress)
         for number, displacement in enumerate(trials, 1):
             set_array(grid.GetPointData(), f"Displacement_{number}", vectors(displacement))

@@ -23,7 +23,7 @@ from .problem import Problem
 
 NEWTON_STEPS, HALVINGS = 10, 6
 BALANCED = 1e-5  # a Newton step below this share of the largest displacement is the last one
-LEVELS = {1: 0, 4: 1, 16: 2}  # refinements of the mesh by sub-cells per (planar) cell
+LEVELS = {1: 0, 4: 1, 16: 2, 64: 3}  # refinements of the mesh by sub-cells per (planar) cell
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Equilibrium:
         mesh = problem.mesh
         self.problem, self.parameters, self.law = problem, parameters, problem.law
         self.mesh, parent, interpolation, last = _refined(mesh, LEVELS[refine])
-        self.parent, self.element = parent, element
+        self.parent, self.element, self.refine = parent, element, refine
         self.cells = self._cells(element, refine, last)
         d = mesh.dim
         reaction = interpolation @ problem.reaction.astype(float) > 1 - 1e-9
@@ -181,6 +181,15 @@ class Equilibrium:
         if not np.isfinite(eta).all():
             raise self._diverged()
         return eta, K, factors
+
+    def finer(self) -> "Equilibrium":
+        """Return the forward problem on cells half as large."""
+        return Equilibrium(self.problem, self.parameters, 4 * self.refine, self.element)
+
+    @property
+    def coarse(self) -> np.ndarray:
+        """Where in η, (n_eta,) bool, the degrees of freedom of the measured nodes are."""
+        return np.repeat(self.measured, self.mesh.dim)
 
     def _linearise(self, x, eta):
         """The state at η, with the matrix of its first trial for all."""

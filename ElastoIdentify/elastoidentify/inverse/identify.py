@@ -1,7 +1,7 @@
 """Identification of the Lamé constants: one entry point over all methods."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,15 +17,21 @@ from ..fem.elastic_constants import (
     lambda_from_plane_stress,
     young_from_lame,
 )
-from ..fem.elements import CELL_TYPES
-from ..fem.mesh import Mesh, plane_frame
+from ..fem.mesh import Mesh
 from ..progress import Progress, silent
 from ..results import Status
+from . import border
+from .balance_system import BalanceSystem
+from .border import Frame
 from .methods import METHODS
-from .observations import DisplacementNoise
+from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
 from .problem import Problem
 from .statistics import CellErrors, cell_errors, label_statistics
+from .verdict import judge, one_direction
+
+FAR = 10.0  # times the noise given: what the data may show before it is said
+FEW_EQUATIONS = 4  # of which not even a factor of ten can be read
 
 
 @dataclass
@@ -62,6 +68,7 @@ def identify(
     *,
     labels: np.ndarray | None = None,
     reaction_nodes: np.ndarray | None = None,
+    outer_border: np.ndarray | None = None,
     method: str = "auto",
     kinematics: str = "small-strain",
     plane: str = "strain",
@@ -93,6 +100,9 @@ def identify(
         Label of each cell; needed for known-by-label and for ``grouping="label"``.
     reaction_nodes : (n_nodes,) bool, optional
         True where an outside body may push: no balance equation there.
+    outer_border : (n_nodes,) bool, optional
+        True for the nodes of the body's own border. Where the mesh ends and this is False it was
+        cut (by Clip, say): what lies beyond may push, so those nodes count as reaction nodes.
     method : "auto", "sequential", "global", "regularized"
     kinematics : "small-strain", "st-venant-kirchhoff", "neo-hookean"
     plane : "strain", "stress" (2-D only)
@@ -117,29 +127,51 @@ def identify(
         One line: what is wrong, where, how to mend it.
     """
     progress = progress or silent
-    frame = _Frame(points, cells)
+    frame = Frame(points, cells)
+    u = border.displacements(frame, displacements)
+    frame.close_seams(u)
     setting = _setting(
-        frame, known, labels=labels, reaction_nodes=reaction_nodes, method=method,
+        frame, known, labels=labels, reaction_nodes=reaction_nodes, outer_border=outer_border,
+        method=method,
         kinematics=kinematics, plane=plane, unknowns=unknowns, poisson_ratio=poisson_ratio,
         grouping=grouping, noise=noise, refine=refine, reference_label=reference_label,
         element=element,
     )  # fmt: skip
-    problem, labels = _problem(frame, setting, displacements, information), setting.labels
+    metric = border.information(frame, information, len(u))
+    lost = border.lost_trials(frame, metric, len(u))
+    trials = 1 + np.flatnonzero(~lost)
+    problem = _problem(frame, setting, u[~lost], None if metric is None else metric[~lost], trials)
+    labels, apart = setting.labels, _apart(problem)
     warnings = frame.notes + _check_trials(problem, unknowns, grouping)
-    warnings += _check_equations(problem.mesh, setting, len(problem.displacements), method)
+    warnings += _check_equations(problem.mesh, setting, len(trials), method)
     progress(0.0, "force balance")
-    estimate = METHODS[method](problem, progress)
+    if apart.any():
+        warnings.append(
+            f"{apart.sum()} cells, the first is cell {np.flatnonzero(apart)[0]}, share no node, "
+            "directly or through others, with a known cell: nothing can be said about them"
+        )
+        estimate = METHODS[method](_without(problem, setting, apart), progress)
+        estimate = _spread(estimate, ~apart)
+    else:
+        estimate = METHODS[method](problem, progress)
+    warnings += _check_noise(problem, estimate)
     result, errors = _result(problem, estimate, plane == "stress", warnings)
     result.report["labels"] = label_statistics(
         np.zeros(problem.mesh.n_cells, int) if labels is None else labels,
         problem.mesh.volumes, result.status, result.lam, result.mu, errors, reference_label,
     )  # fmt: skip
-    result.residuals = frame.to_world(result.residuals)
+    residuals = np.full((len(u), *result.residuals.shape[1:]), np.nan)
+    residuals[~lost] = result.residuals
+    result.residuals = frame.to_world(residuals)
     result.report |= {
         "kinematics": kinematics, "unknowns": unknowns, "grouping": grouping,
-        "requested_method": method, "trials": len(problem.displacements),
+        "requested_method": method, "trials": len(trials),
+        "lost_trials": (1 + np.flatnonzero(lost)).tolist(),
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
     }  # fmt: skip
+    result.report["verdict"] = judge(
+        result.report, problem.noise.information is not None, one_direction(problem.displacements)
+    )
     progress(1.0, "identified")
     return result
 
@@ -167,120 +199,18 @@ def check_input(
     ------
     InputError
     """
-    options = {"method": "auto", "labels": None, "reaction_nodes": None} | options
-    frame = _Frame(points, cells)
+    options = {
+        "method": "auto", "labels": None, "reaction_nodes": None, "outer_border": None
+    } | options  # fmt: skip
+    frame = Frame(points, cells)
     setting = _setting(frame, known, **options)
-    _check_equations(frame.mesh, setting, n_trials, options["method"])
-
-
-class _Frame:
-    """The mesh in its own dimension, and the way of vectors into it and back."""
-
-    def __init__(self, points, cells):
-        points = np.asarray(points, float)
-        if points.ndim != 2 or points.shape[1] not in (2, 3):
-            raise InputError(f"points must have shape (n, 2) or (n, 3), these have {points.shape}")
-        if not np.isfinite(points).all():
-            node = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
-            raise InputError(f"the position of node {node} is not a finite number: repair the mesh")
-        blocks, dim = _blocks(points, cells)
-        self.world_dim, self.axes, self.notes = points.shape[1], None, []
-        if points.shape[1] == 3 and dim == 2:
-            origin, self.axes = plane_frame(points)
-            points = (points - origin) @ self.axes
-            if _turn_clockwise(points, blocks):
-                self.axes = self.axes * [-1, 1]
-                points = points * [-1, 1]
-        self.mesh = Mesh(points, blocks)
-
-    def to_plane(self, vectors):
-        """Displacements (t, n, 2 or 3) in the mesh's dimension; out of plane is dropped, noted."""
-        if vectors.shape[-1] == self.mesh.dim:
-            return vectors
-        if self.axes is None:
-            if vectors.shape[-1] != 3 or self.mesh.dim != 2:
-                raise InputError(
-                    f"displacements have {vectors.shape[-1]} components, the mesh has "
-                    f"{self.mesh.dim} dimensions"
-                )
-            axes = np.eye(3)[:, :2]
-        else:
-            axes = self.axes
-        inside = vectors @ axes
-        out = vectors - inside @ axes.T
-        size = np.abs(out).max(initial=0.0)
-        if size > 1e-9 * np.abs(vectors).max(initial=0.0):
-            self.notes.append(
-                f"displacements out of the mesh's plane (up to {size:.3g}) were dropped: "
-                "a planar mesh knows in-plane motion only"
-            )
-        return inside
-
-    def tensors_to_plane(self, tensors):
-        """Information matrices (t, n, 3, 3) → (t, n, d, d), out-of-plane motion left free."""
-        if tensors.shape[-1] == self.mesh.dim:
-            return tensors
-        axes = np.eye(3)[:, :2] if self.axes is None else self.axes
-        return np.einsum("ia,tnij,jb->tnab", axes, tensors, axes)
-
-    def to_world(self, vectors):
-        """Vectors (…, d) in the dimension of the points that were given."""
-        if self.axes is not None:
-            return vectors @ self.axes.T
-        return vectors
-
-
-def _blocks(points, cells):
-    """Blocks (kind, nodes, ids) and their dimension, from either form of `cells`."""
-    if not (isinstance(cells, (list, tuple)) and len(cells) and isinstance(cells[0][0], str)):
-        cells = np.asarray(cells, int)
-        kinds = {3: "triangle", 8: "hexahedron", 4: "quad" if points.shape[1] == 2 else "tetra"}
-        if cells.ndim != 2 or cells.shape[1] not in kinds:
-            raise InputError(
-                f"cells of shape {cells.shape}: give (n, 3), (n, 4) or (n, 8), or a list of "
-                "(kind, array)"
-            )
-        cells = [(kinds[cells.shape[1]], cells)]
-    blocks, start, dims = [], 0, set()
-    for kind, nodes in cells:
-        _choice("cell kind", kind, CELL_TYPES)
-        nodes = np.asarray(nodes, int)
-        if nodes.size == 0:
-            continue
-        if nodes.ndim != 2 or nodes.shape[1] != CELL_TYPES[kind].n_nodes:
-            raise InputError(
-                f"{kind} cells of shape {nodes.shape}: expected (n, {CELL_TYPES[kind].n_nodes})"
-            )
-        if nodes.min() < 0 or nodes.max() >= len(points):
-            raise InputError(
-                f"{kind} cells refer to nodes {nodes.min()}…{nodes.max()}, but the mesh has "
-                f"{len(points)} nodes (counted from 0)"
-            )
-        blocks.append((kind, nodes, start + np.arange(len(nodes))))
-        start += len(nodes)
-        dims.add(CELL_TYPES[kind].dim)
-    if not start:
+    if not setting.reaction.any():
         raise InputError(
-            "the mesh has no cells: give triangles, quadrilaterals, tetrahedra or hexahedra"
+            "nothing touches the body: no node is at a rigid label, in a reaction box or at the "
+            "image's border, so nothing can push it; name the indenter and the floor as rigid "
+            "labels, or draw reaction boxes where they touch"
         )
-    if len(dims) > 1:
-        raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
-    return blocks, dims.pop()
-
-
-def _turn_clockwise(points, blocks):
-    """Tell whether most planar cells turn clockwise in the frame chosen."""
-    area = 0.0
-    for _, nodes, _ in blocks:
-        x = points[nodes]
-        y = np.roll(x, -1, axis=1)
-        area += np.sign((x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]).sum(axis=1)).sum()
-    return area < 0
-
-
-def _choice(what, value, options):
-    if value not in options:
-        raise InputError(f"{what} {value!r} is unknown: choose one of {', '.join(options)}")
+    _check_equations(frame.mesh, setting, n_trials, options["method"])
 
 
 @dataclass(frozen=True)
@@ -289,6 +219,7 @@ class _Setting:
 
     law: Kinematics
     unknowns: Unknowns
+    make_unknowns: Callable[[np.ndarray], Unknowns]  # of some cells, (n_cells,) bool
     reaction: np.ndarray  # (n_nodes,) bool
     labels: np.ndarray | None
     noise: float | None
@@ -297,18 +228,18 @@ class _Setting:
 
 
 def _setting(
-    frame, known, *, labels, reaction_nodes, method, kinematics="small-strain", plane="strain",
-    unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None, refine=None,
-    reference_label=None, element="locking-free",
+    frame, known, *, labels, reaction_nodes, outer_border, method, kinematics="small-strain",
+    plane="strain", unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None,
+    refine=None, reference_label=None, element="locking-free",
 ):  # fmt: skip
     """Check every choice; raise InputError for one that cannot be."""
     mesh = frame.mesh
-    _choice("method", method, METHODS)
-    _choice("kinematics", kinematics, KINEMATICS)
-    _choice("plane", plane, ("strain", "stress"))
-    _choice("unknowns", unknowns, ("lambda-mu", "young"))
-    _choice("grouping", grouping, ("cell", "label"))
-    _choice("element", element, ("locking-free", "linear"))
+    border.choice("method", method, METHODS)
+    border.choice("kinematics", kinematics, KINEMATICS)
+    border.choice("plane", plane, ("strain", "stress"))
+    border.choice("unknowns", unknowns, ("lambda-mu", "young"))
+    border.choice("grouping", grouping, ("cell", "label"))
+    border.choice("element", element, ("locking-free", "linear"))
     plane_stress = plane == "stress" and mesh.dim == 2
     if plane_stress and kinematics != "small-strain":
         raise InputError(
@@ -319,35 +250,57 @@ def _setting(
         if poisson_ratio is None:
             raise InputError("unknowns 'young' need Poisson's ratio of the unknown cells")
         check_material(1.0, poisson_ratio, "the unknown cells")
-    if labels is not None:
-        labels = np.asarray(labels)
-        if labels.shape != (mesh.n_cells,):
-            raise InputError(f"labels: {labels.shape} values for {mesh.n_cells} cells")
-    elif grouping == "label":
+    labels = border.cell_labels(labels, mesh.n_cells)
+    if labels is None and grouping == "label":
         raise InputError("grouping by label needs the label of every cell")
     if reference_label is not None and (labels is None or reference_label not in labels):
         raise InputError(f"the reference label {reference_label} does not occur in the mesh")
-    young, poisson = _known(known, labels, mesh.n_cells)
-    made = make_unknowns(
-        young, poisson, plane_stress=plane_stress,
-        poisson_ratio=poisson_ratio if unknowns == "young" else None,
-        labels=labels if grouping == "label" else None,
-    )  # fmt: skip
-    reaction = np.zeros(mesh.n_nodes, bool)
-    if reaction_nodes is not None:
-        reaction = np.asarray(reaction_nodes).astype(bool)
-        if reaction.shape != (mesh.n_nodes,):
-            raise InputError(f"reaction nodes: {reaction.shape} values for {mesh.n_nodes} nodes")
+    young, poisson = border.known_materials(known, labels, mesh.n_cells)
+
+    def unknowns_of(cells):
+        return make_unknowns(
+            young[cells], poisson[cells], plane_stress=plane_stress,
+            poisson_ratio=poisson_ratio if unknowns == "young" else None,
+            labels=labels[cells] if grouping == "label" else None,
+        )  # fmt: skip
+
+    reaction = frame.anywhere(border.reaction_nodes(reaction_nodes, frame.n_given))
+    reaction |= _cut_nodes(frame, outer_border, reaction)
     if noise is not None and not (np.isfinite(noise) and noise > 0):
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
     if refine not in (None, 1, 4, 16):
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
-    return _Setting(KINEMATICS[kinematics], made, reaction, labels, noise, refine, element)
+    made = unknowns_of(np.full(mesh.n_cells, True))
+    return _Setting(
+        KINEMATICS[kinematics], made, unknowns_of, reaction, labels, noise, refine, element
+    )
 
 
-def _problem(frame, setting, displacements, information):
-    u = _displacements(frame, displacements)
-    metric = _information(frame, information, u)
+def _cut_nodes(frame, outer_border, reaction):
+    """Tell where the mesh ends though the body goes on. (n_nodes,) bool"""
+    mesh = frame.mesh
+    if outer_border is None:
+        return np.zeros(mesh.n_nodes, bool)
+    outer_border = np.asarray(outer_border).astype(bool)
+    if outer_border.shape != (frame.n_given,):
+        raise InputError(f"outer border: {outer_border.shape} values for {frame.n_given} nodes")
+    outer_border = frame.anywhere(outer_border)
+    cut = mesh.boundary_nodes & ~outer_border & ~reaction
+    if cut.any():
+        frame.notes.append(
+            f"the mesh was cut: at {np.count_nonzero(cut)} of its border nodes the body goes on; "
+            "what lies beyond may push there, so no force balance is asked of them. Cells at the "
+            "cut are less certain; identify the whole mesh and cut the map afterwards"
+        )
+    return cut
+
+
+def _problem(frame, setting, u, metric, trials):
+    """The Problem of the trials that are left; their numbers are for what is said about them."""
+    border.check_displacements(frame, u, trials)
+    frame.notes += border.order_notes(frame, u, trials)
+    u = frame.to_plane(u[:, frame.nodes])
+    frame.notes += border.motion_notes(frame, u, trials)
     if metric is not None and setting.noise is not None:
         frame.notes.append(
             "the noise given was not used: the displacement information says how large the error "
@@ -360,92 +313,81 @@ def _problem(frame, setting, displacements, information):
     )  # fmt: skip
 
 
-def _displacements(frame, displacements):
-    u = np.asarray(displacements, float)
-    if u.ndim == 2:
-        u = u[None]
-    if u.ndim != 3 or u.shape[1] != frame.mesh.n_nodes or len(u) == 0:
+def _apart(problem):
+    """Tell which cells lie in pieces of the mesh without a known cell. (n_cells,) bool"""
+    known = problem.unknowns.known
+    n_pieces, piece = border.pieces_of(problem.mesh)
+    apart = ~np.isin(piece, piece[known])
+    if apart[~known].all():
         raise InputError(
-            f"displacements must have shape (trials, {frame.mesh.n_nodes} nodes, components), "
-            f"these have {u.shape}"
+            f"the mesh is in {n_pieces} pieces that share no node, and every unknown cell lies in "
+            "one without a known cell, where no force reaches it: merge the nodes that "
+            "neighbouring cells store separately"
         )
-    bad = np.argwhere(~np.isfinite(u).all(axis=2))
-    if len(bad):
-        raise InputError(
-            f"the displacement of trial {bad[0, 0] + 1} is not a finite number at {len(bad)} "
-            f"node(s), the first is node {bad[0, 1]}: register again, or cut those cells off"
-        )
-    u = frame.to_plane(u)
-    still = np.flatnonzero(np.abs(u).max(axis=(1, 2)) == 0)
-    if len(still):
-        raise InputError(
-            f"trial {still[0] + 1} has no displacement at all: is the rest image its pushed image?"
-        )
-    return u
+    return apart
 
 
-def _known(known, labels, n_cells):
-    if isinstance(known, Mapping):
-        young, poisson = np.full(n_cells, np.nan), np.full(n_cells, np.nan)
-        if known and labels is None:
-            raise InputError("known materials are given by label, but the cells have no labels")
-        for label, (E, nu) in known.items():
-            E, nu = check_material(E, nu, f"known label {label}")
-            here = labels == label
-            if not here.any():
-                raise InputError(
-                    f"known label {label} does not occur in the mesh, its labels are "
-                    f"{', '.join(str(v) for v in np.unique(labels)[:20])}"
-                )
-            young[here], poisson[here] = E, nu
-        return young, poisson
-    known = np.asarray(known, float)
-    if known.shape != (n_cells, 2):
-        raise InputError(f"known materials: shape {known.shape}, expected ({n_cells}, 2) for E, ν")
-    young, poisson = known.T
-    half = np.flatnonzero(np.isnan(young) != np.isnan(poisson))
-    if len(half):
-        missing = "Young's modulus" if np.isnan(young[half[0]]) else "Poisson's ratio"
-        raise InputError(
-            f"{len(half)} known cell(s), the first is cell {half[0]}, have no {missing}: give both "
-            "constants of a known cell, and NaN for both where it is not known"
-        )
-    good = np.isfinite(young) & (young > 0) & (poisson > -1) & (poisson < 0.5)
-    bad = np.flatnonzero(~np.isnan(young) & ~good)
-    if len(bad):
-        check_material(*known[bad[0]], f"known cell {bad[0]}")
-    return young, poisson
+def _without(problem, setting, apart):
+    """Return the problem without some cells: a fit of loose pieces may fail and takes the rest."""
+    keep = ~apart
+    number = np.cumsum(keep) - 1
+    blocks = [(b.cell.name, b.nodes[keep[b.ids]], number[b.ids[keep[b.ids]]])
+              for b in problem.mesh.blocks if keep[b.ids].any()]  # fmt: skip
+    nodes = np.unique(np.concatenate([n.ravel() for _, n, _ in blocks]))
+    blocks = [(kind, np.searchsorted(nodes, n), ids) for kind, n, ids in blocks]
+    u, metric = problem.displacements[:, nodes], problem.noise.information
+    return replace(
+        problem,
+        mesh=Mesh(problem.mesh.points[nodes], blocks),
+        displacements=u,
+        unknowns=setting.make_unknowns(keep),
+        reaction=problem.reaction[nodes],
+        noise=DisplacementNoise(
+            u, None if metric is None else metric[:, nodes], problem.noise.scale
+        ),
+        labels=None if problem.labels is None else problem.labels[keep],
+    )
 
 
-def _information(frame, information, u):
-    if information is None:
-        return None
-    metric = np.asarray(information, float)
-    if metric.ndim != 4 or metric.shape[:2] != u.shape[:2]:
-        raise InputError(
-            f"information must have shape (trials, nodes, d, d), this has {metric.shape}"
-        )
-    if metric.shape[2:] not in {(frame.mesh.dim,) * 2, (frame.world_dim,) * 2, (3, 3)}:
-        raise InputError(
-            f"information of {metric.shape[2]}×{metric.shape[3]} components per node for a mesh of "
-            f"{frame.mesh.dim} dimensions"
-        )
-    if not np.isfinite(metric).all():
-        raise InputError("the displacement information has values that are not finite numbers")
-    metric = frame.tensors_to_plane(metric)
-    if metric.max() <= 0:
-        raise InputError(
-            "the displacement information is zero everywhere: the rest image has no texture"
-        )
-    return metric
+def _spread(estimate, keep):
+    """Return the estimate at all cells, from one at the cells `keep` (n_cells,) bool."""
+
+    def spread(values, fill):
+        everywhere = np.full((len(keep), *values.shape[1:]), fill, values.dtype)
+        everywhere[keep] = values
+        return everywhere
+
+    arrays = {name: spread(getattr(estimate, name), np.nan)
+              for name in ("lam", "mu", "lam_errors", "mu_errors")}  # fmt: skip
+    return replace(estimate, **arrays, order=spread(estimate.order, -1))
+
+
+def _check_noise(problem, estimate):
+    """Say where the noise given is far below what the data show."""
+    given = problem.noise.scale
+    if given is None:
+        return []
+    system = BalanceSystem(
+        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction
+    )
+    shown, equations = scale_from_known_cells(system, problem.noise)
+    where = "the balance of forces among the known cells"
+    if equations < FEW_EQUATIONS or not shown > FAR * given:
+        shown = given * np.sqrt(estimate.report.get("misfit", 0.0))
+        where = "what the fit leaves of the displacements"
+    if not shown > FAR * given:
+        return []
+    return [
+        f"the noise was given as {given:.2g}, but {where} shows about {shown:.2g}: the standard "
+        "deviations are too small, and noise is taken for stiffness; leave the noise out to have "
+        "it estimated"
+    ]
 
 
 def _check_trials(problem, unknowns, grouping):
     """Return the warnings that the input alone calls for."""
     mesh, u, warnings = problem.mesh, problem.displacements, []
-    flat = u.reshape(len(u), -1)
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    if len(u) > 1 and np.linalg.svd(flat, compute_uv=False)[-1] < 1e-2:
+    if len(u) > 1 and one_direction(u):
         warnings.append(
             "the trials are (nearly) proportional to each other and count as fewer: push in "
             "different directions"
@@ -455,13 +397,6 @@ def _check_trials(problem, unknowns, grouping):
         warnings.append(
             f"{len(u)} trials in 3-D leave λ and μ of single cells undetermined in places: use "
             "four or more, or unknowns 'young'"
-        )
-    known = ~np.isnan(problem.unknowns.lam_known) & problem.unknowns.known
-    lam, mu = problem.unknowns.lam_known[known], problem.unknowns.mu_known[known]
-    if unknowns == "lambda-mu" and np.median(lam / (2 * (lam + mu))) > 0.45:
-        warnings.append(
-            "ν of the known material is near 0.5, where λ is barely visible in displacements: "
-            "unknowns 'young' with a fixed ν are better determined"
         )
     strain = max(
         float(np.quantile(np.abs(block.gradient(v)).max(axis=(1, 2, 3)), 0.9))
@@ -481,6 +416,11 @@ def _check_equations(mesh, setting, n_trials, method):
     unknowns = setting.unknowns
     touched = (mesh.node_cells @ (~unknowns.known).astype(float) > 0) & ~setting.reaction
     equations = int(touched.sum()) * mesh.dim * n_trials
+    if not equations:
+        raise InputError(
+            "there is no equation: every node of an unknown cell is marked as a reaction node; "
+            "mark only those where an outside body may push"
+        )
     if equations >= unknowns.n_params:
         return []
     sentence = (
@@ -530,6 +470,7 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
         error = (mu_std / np.abs(mu))[~known & ~none]
     typical = float(np.median(error)) if error.size else None
     warnings = warnings + estimate.warnings + _found_warnings(status, known, typical)
+    warnings += _why_nothing(problem, status)
     counts = {one.name.lower(): int((status == one).sum()) for one in Status}
     report = {**estimate.report, "cells": counts, "typical_error": typical, "warnings": warnings}
     result = IdentificationResult(
@@ -553,6 +494,21 @@ def _reached(problem):
     )
     piece = csgraph.connected_components(edges, directed=False)[1][n_rows:]
     return piece[vertex] == piece[-1]
+
+
+def _why_nothing(problem, status):
+    """Say what about the reaction nodes leaves most cells undetermined."""
+    unknown = ~problem.unknowns.known
+    if (status[unknown] == Status.NOT_DETERMINED).mean() <= 0.5:
+        return []
+    free = ~problem.reaction[problem.mesh.boundary_nodes]
+    if free.all():
+        return [
+            "no node on the surface is marked as a reaction node, so that balance was asked also "
+            "where the body is held or pushed: mark those nodes (reaction nodes, in files the "
+            "point array ReactionNodes)"
+        ]
+    return []
 
 
 def _found_warnings(status, known, typical):

@@ -49,13 +49,14 @@ class DirectSystem:
     def __init__(self, parameter_places, node_places):
         self.parameter_places, self.node_places = parameter_places, node_places
         self.factorise_S, self.factorise_all = Factoriser(node_places), None
+        self._covariances = {}
 
     def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
         """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
         (self.observations,) = misfit.terms
         n = self.n_free = state.n_free
         self.K = [K[:n] for K in state.K]
-        self.C = [_covariance(o) for o in self.observations]
+        self.C = [self._covariance(o) for o in self.observations]
         self.S, out, solver = [], [], None
         for t, (K, C, o) in enumerate(zip(self.K, self.C, self.observations, strict=True)):
             if not (t and state.shared and C is self.C[0]):
@@ -68,6 +69,16 @@ class DirectSystem:
             q += solver.solve(K @ v - self.S[-1] @ q)  # S squares K's condition: refine once
             out.append((v - C @ (K.T @ q))[n:])
         return out
+
+    def _covariance(self, o):
+        """C on all of η: nodes without measurement are nearly free. One for all states."""
+        key = id(o.root)
+        if key not in self._covariances:
+            C = o.by_eta.T @ (o.root @ o.root.T) @ o.by_eta
+            missing = C.diagonal() == 0
+            nearly_free = missing * UNMEASURED * C.diagonal()[~missing].mean()
+            self._covariances[key] = o.root, (C + sp.diags(nearly_free)).tocsr()
+        return self._covariances[key][1]
 
     def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
         """Take new matrices, after `refit`; the force rows get a unit diagonal of σ²S."""
@@ -104,18 +115,6 @@ class DirectSystem:
             at += self.n_free
             db.append((part - self.scale**2 * (C @ (K.T @ q)))[self.n_free :])
         return dx, db
-
-
-def _covariance(o):
-    """C on all of η: nodes without measurement are nearly free. Kept with the observation."""
-    cached = getattr(o.root, "on_all", None)
-    if cached is None:
-        C = o.by_eta.T @ (o.root @ o.root.T) @ o.by_eta
-        missing = np.asarray(C.diagonal()) == 0
-        typical = C.diagonal()[~missing].mean()
-        cached = (C + sp.diags(missing * UNMEASURED * typical)).tocsr()
-        o.root.on_all = cached
-    return cached
 
 
 class ReducedSystem:

@@ -15,7 +15,10 @@ from ..fem.mesh import Mesh
 from .parameterization import LogParameters
 
 ANCHOR_STD = {"modulus": 3.0, "ratio": 1.5}  # natural logarithms, around the known material
-REWEIGHTING = 3.0  # exponent of the reweighted prior: p(jump) ∝ |jump|^−3 beyond the smoothing
+# exponents of the reweighted prior, p(jump) ∝ |jump|^−3 beyond the smoothing: of the sharpened map
+# by dimension (a closed surface has many more sides than a closed line, and each costs), and of the
+# posterior around it
+SHARPENING, REWEIGHTING = {2: 3.0, 3: 1.5}, 3.0
 SMOOTHING = 0.02  # jumps of log-moduli below this count as none
 
 
@@ -95,7 +98,7 @@ class TotalVariation:
         self.difference = sp.hstack([fields, beside], format="csr")
         self.size = np.tile(sizes / (sizes.mean() if m else 1.0), self.n_fields)
         self.field = np.repeat(np.arange(self.n_fields), m)
-        self.n_groups = n
+        self.n_groups, self.sharpening = n, SHARPENING[mesh.dim]
         self.weights, self.field_weight = np.zeros(len(self.size)), np.zeros(self.n_fields)
 
     def __len__(self) -> int:
@@ -117,10 +120,11 @@ class TotalVariation:
 
     def reweighted(self, x, samples):
         """Weights of reweighted total variation at x (of differences with some variance)."""
-        variance = 0.0 if samples is None else self._variance(samples)
-        self.weights = (
-            REWEIGHTING * self.size / ((self.difference @ x) ** 2 + variance + SMOOTHING**2)
-        )
+        exponent, variance = self.sharpening, 0.0
+        if samples is not None:
+            exponent, variance = REWEIGHTING, self._variance(samples)
+        jump = (self.difference @ x) ** 2 + variance + SMOOTHING**2
+        self.weights = exponent * self.size / jump
 
     def hessian(self):
         return self.difference.T @ sp.diags(self.weights) @ self.difference

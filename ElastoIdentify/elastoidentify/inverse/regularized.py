@@ -22,6 +22,7 @@ import numpy as np
 
 from ..progress import Progress, silent
 from .equilibrium import Equilibrium
+from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
 from .parameterization import LogParameters
@@ -138,6 +139,7 @@ class _Fit:
         self._variational_stage()
         self._sharpening_stage()
         self._posterior()
+        self._mesh_bias()
         return self._estimate()
 
     def _variational_stage(self):
@@ -190,23 +192,56 @@ class _Fit:
             self.factorise()
             self.sample_posterior(SAMPLES, FINE if self.by_products else TOLERANCE)
 
+    def _mesh_bias(self):
+        """Estimate the shift of x that the cells' own error makes, where that is affordable."""
+        self.bias = None
+        self.at = (0.98, "regularized: error of the cells")
+        gap = affordable(self.forward) and defect(self.forward, self.state, self.tell)
+        if not gap or contradicted(gap, [one.residual for one in self.misfit.terms[0]]):
+            return
+        if not len(self.variation):  # else the system is that of the last samples
+            self.factorise()
+        numbers = [gap, *[[0 * o.residual[:, None] for o in t] for t in self.misfit.terms[1:]]]
+        zero = np.zeros((self.parameters.n, 1))
+        self.bias = self.system.solve(zero, numbers, tell=self.tell)[0][:, 0]
+
+    def _sampled(self):
+        """Samples of the error of x that the measurements leave."""
+        if self.problem.noise.information is None:
+            return self.samples[0]
+        # a fit may find the information too modest, but not call the map better for it
+        return self.samples[0] * max(1.0, 1.0 / self.scale)
+
+    def _shifted(self, slope, values):
+        """The cells' own error of μ, relative to it, and the warning that it calls for."""
+        unknown = ~self.problem.unknowns.known
+        bias, sampled = slope @ self.bias, slope @ self._sampled()
+        std = np.sqrt((sampled**2).mean(axis=1))
+        bias, std = (np.abs(part / values)[unknown] for part in (bias, std))
+        sentence = bias_warning(bias, std, self.forward.element)
+        return float(np.median(bias)), [sentence] if sentence else []
+
     def _estimate(self) -> Estimate:
         lam, mu = self.parameters.moduli(self.x)
-        errors = self.samples[0]
-        if self.problem.noise.information is not None:
-            # a fit may find the information too modest, but not call the map better for it
-            errors = errors * max(1.0, 1.0 / self.scale)
+        errors, shift, warnings = self._sampled(), None, []
         L, M = self.parameters.slopes(self.x)
+        if self.bias is not None:
+            shift, warnings = self._shifted(M, mu)
+            # either way: it is an estimate of the size, and the map is not corrected by it
+            errors = errors + self.bias[:, None] * (-1.0) ** np.arange(errors.shape[1])
+        left = max(self.n_equations - self.effective, 0.05 * self.n_equations)
         weight = self.variation.field_weight if len(self.variation) else []
         report = {
             "method": "regularized",
             "noise_scale": self.scale,
             "noise_given": self.problem.noise.scale is not None,
+            "noise_found": self._floor(self.misfit.value() / left),
             "misfit": self.misfit.value() / self.scale**2 / max(self.n_equations, 1),
             "effective_parameters": self.effective,
             "prior_weight": [float(w) for w in weight],
             "prior_rule": "variational Bayes of total variation, then reweighted",
             "element": self.forward.element,
+            "mesh_shift": shift,
             "refine": self.refine,
             "factorisation": self.forward.factoriser.name,
             "iterations": len(self.log),
@@ -214,7 +249,7 @@ class _Fit:
             "parameters": self.parameters.n,
             "convergence": self.log,
         }
-        return Estimate(lam, mu, L @ errors, M @ errors, np.full(len(lam), -1), report)
+        return Estimate(lam, mu, L @ errors, M @ errors, np.full(len(lam), -1), report, warnings)
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))

@@ -14,7 +14,8 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
     length : str
         Unit of the displacements.
     """
-    lines = [
+    lines = [report["verdict"]["sentence"]] if "verdict" in report else []
+    lines += [
         f"method: {report.get('method')}, {report.get('kinematics')}, "
         f"{_count(report.get('trials'), 'trial')}, unknowns {report.get('unknowns')} per "
         f"{report.get('grouping')}"

@@ -42,6 +42,7 @@ def write_label_mesh(mesh):
     set_array(grid.GetCellData(), "Label", np.asarray(mesh.labels, np.int32))
     grid.GetCellData().SetActiveScalars("Label")  # what a host shows first
     set_array(grid.GetPointData(), "ReactionNodes", np.asarray(mesh.reaction_nodes, np.uint8))
+    set_array(grid.GetPointData(), "OuterBorder", mesh.outer_border)
     set_text(grid, "MeshNotes", "\n".join(mesh.notes))
     return grid
 
@@ -114,6 +115,14 @@ def read_report(grid, about: str) -> dict:
 
 
 # ---- reading
+
+
+def outer_border_of(grid):
+    """Return which nodes are on the body's own border, (n,) bool, or None where nothing says so."""
+    points = grid.GetPointData()
+    if not has_array(points, "OuterBorder"):
+        return None
+    return get_array(points, "OuterBorder") > 0.5
 
 
 def displacement_of(grid, name: str) -> np.ndarray:

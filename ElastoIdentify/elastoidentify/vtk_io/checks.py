@@ -21,15 +21,13 @@ from .convert import (
     mesh_points,
     mesh_to_vtk,
     set_array,
-    vectors,
 )
 
 GHOSTS = "vtkGhostType"
 DUPLICATE, HIDDEN = 1, 32  # bits of vtkGhostType of a cell that is another process' or blanked
 NEAR_WHOLE = 1e-3
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
-SMALL_PUSH = 1e-4  # of the mesh's size
-ROUGH = 0.5
+ABSURD = 1e100  # no coordinate: its square would be no number
 
 
 def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
@@ -49,8 +47,11 @@ def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str
     if len({CELL_TYPES[kind].dim for kind, _ in blocks}) > 1:
         raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
     points = mesh_points(grid)
-    if not np.isfinite(points[np.concatenate([nodes.ravel() for _, nodes in blocks])]).all():
-        raise InputError("the position of a node is not a finite number: repair the mesh")
+    corners = points[np.concatenate([nodes.ravel() for _, nodes in blocks])]
+    if not (np.abs(corners) < ABSURD).all():
+        raise InputError(
+            "the position of a node is not a number, or absurdly large: repair the mesh"
+        )
     first = soundness.coincident(points, blocks)
     doubled = first != np.arange(len(points))
     if doubled.any():
@@ -133,7 +134,8 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     """
     points = grid.GetPointData()
     names = [information_name(name) for name in trials]
-    if not all(n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)):
+    given = [n != t and has_array(points, n) for n, t in zip(names, trials, strict=True)]
+    if not given or not all(given):
         return None
     found = []
     for name in names:
@@ -157,52 +159,29 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     return np.stack(found)
 
 
-def displacement_notes(grid: vtkUnstructuredGrid, trials: list[str]) -> list[str]:
-    """Return sentences on displacements that hardly belong to this mesh.
+def check_unit(
+    mesh: vtkUnstructuredGrid,
+    displacements: np.ndarray,
+    trials: list[str],
+    weights: np.ndarray | None = None,
+) -> None:
+    """Refuse displacements (t, n, 3) that differ by more than the mesh measures: another unit.
 
-    Raises
-    ------
-    InputError
-        They differ by more than the size of the mesh: another unit of length.
+    Those of a trial without any weight (t, n, 3, 3) may be anything.
     """
-    blocks, _ = mesh_blocks(grid)
-    points, ends = mesh_points(grid), soundness.edges(blocks)
-    used = np.unique(ends)
-    size = float(np.linalg.norm(np.ptp(points[used], axis=0)))
-    notes = []
-    for name in trials:
-        u = vectors(get_array(grid.GetPointData(), name).astype(float))
-        if not np.isfinite(u[used]).all():
-            continue  # the identification names the node
-        notes += unit_notes(u[used], size, f"the displacements {name!r}")
-        rough, back = soundness.roughness(u, ends), soundness.roughness(u[::-1], ends)
-        if back < 0.3 * rough and rough > 0.05:
-            notes.append(
-                f"The displacements {name!r} would be much smoother in the reverse order of the "
-                "nodes: are they those of this mesh?"
+    blocks, _ = mesh_blocks(mesh)
+    used = np.unique(np.concatenate([nodes.ravel() for _, nodes in blocks]))
+    size = float(np.linalg.norm(np.ptp(mesh_points(mesh)[used], axis=0)))
+    for k, (u, name) in enumerate(zip(displacements[:, used], trials, strict=True)):
+        if weights is not None and not weights[k].any():
+            continue
+        spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
+        if spread > size > 0:
+            raise InputError(
+                f"the displacements {name!r} differ by up to {spread:.3g} on a mesh of size "
+                f"{size:.3g}: bring both to one unit of length (mm and m?), or give displacements, "
+                "not positions"
             )
-        elif rough > ROUGH and len(used) > 20:
-            notes.append(
-                f"The displacements {name!r} jump from node to node as if in another order than "
-                "the nodes: are they those of this mesh?"
-            )
-    return notes
-
-
-def unit_notes(u: np.ndarray, size: float, what: str) -> list[str]:
-    """Compare displacements (n, 3) with the size of their mesh; see :func:`displacement_notes`."""
-    spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
-    if spread > size > 0:
-        raise InputError(
-            f"{what} differ by up to {spread:.3g} on a mesh of size {size:.3g}: bring both to one "
-            "unit of length (mm and m?), or give displacements, not positions"
-        )
-    if 0 < spread < SMALL_PUSH * size:
-        return [
-            f"{what[0].upper()}{what[1:]} differ by {spread:.2g} only on a mesh of size "
-            f"{size:.3g}: are both in one unit of length?"
-        ]
-    return []
 
 
 # ---- mending

@@ -11,13 +11,14 @@ from ..provenance import provenance
 from .arrays import (
     displacement_of,
     known_of,
+    outer_border_of,
     trials_of,
     write_identification,
     write_label_mesh,
     write_provenance,
     write_registration,
 )
-from .checks import cell_labels, displacement_notes, information, reaction_nodes, sound_mesh
+from .checks import cell_labels, check_unit, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
 
 
@@ -56,7 +57,8 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "further trial"
         )
     displacements = np.stack([displacement_of(mesh, name) for name in trials])
-    notes += displacement_notes(mesh, trials)
+    weights = information(mesh, trials)
+    check_unit(mesh, displacements, trials, weights)
     labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
@@ -66,7 +68,8 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         known=known_of(mesh, order, pipeline.known_by_label(options)),
         labels=None if labels is None else labels[order],
         reaction_nodes=reaction_nodes(mesh),
-        information=information(mesh, trials),
+        outer_border=outer_border_of(mesh),
+        information=weights,
         progress=progress,
     )
     result.report["warnings"] = notes + result.report["warnings"]

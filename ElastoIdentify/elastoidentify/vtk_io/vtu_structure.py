@@ -8,12 +8,16 @@ the XML names are compared here with the bytes that are there.
 import base64
 import binascii
 import itertools
+import lzma
 import mmap
 import re
 import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+
+import numpy as np
 
 from ..errors import InputError
 
@@ -28,6 +32,10 @@ SIZES = {f"{sign}Int{bits}": bits // 8 for sign in ("", "U") for bits in (8, 16,
 MOST_COMPRESSION = {"vtkZLibDataCompressor": 1040, "vtkLZ4DataCompressor": 260}
 """Bytes that one compressed byte can hold at most, by the compressor's format."""
 OTHER_COMPRESSION = 20_000
+
+
+LISTS = ("Cells", "Verts", "Lines", "Strips", "Polys")
+"""Elements with the nodes of cells, one after the other (connectivity), and where each ends."""
 
 
 @dataclass
@@ -100,6 +108,9 @@ def _check(data) -> str:
     for piece in root.iter("Piece"):
         for array, count in _counted(piece):
             _check_array(array, count, file)
+        for cells in piece:
+            if cells.tag in LISTS:
+                _check_offsets(cells, file)
     return root.attrib.get("type", "")
 
 
@@ -150,64 +161,180 @@ def _check_array(array, count: int | None, file: _File) -> None:
         raise _Broken(f"array {name!r} has {components} components")
     form = attributes.get("format", "ascii")
     if form == "ascii":
-        text = array.text or ""
-        if count is not None and kind != "Bit" and len(text.split()) < count:
+        words = (array.text or "").split()
+        if kind == "String":
+            codes = [int(word) for word in words]
+            _check_texts(name, codes.count(0), codes[-1:] == [0], count)
+        elif count is not None and kind != "Bit" and len(words) < count:
             raise _Broken(f"array {name!r} has fewer than the {count} values that it claims")
         return
-    if form == "appended":
-        offset = int(attributes["offset"])
-        if not 0 <= offset <= file.end - file.start:
-            raise _Broken(f"array {name!r} begins beyond the end of the file")
-        raw = memoryview(file.data)[file.start + offset : file.end]
-        encoded = file.base64
-    elif form == "binary":
-        raw, encoded = memoryview((array.text or "").strip().encode()), True
-    else:
-        raise _Broken(f"array {name!r} has the unknown format {form!r}")
+    raw, encoded = _raw(array, file)
     try:
         found = _bytes_of(raw, encoded, file)
+        if kind == "String" and found is not None:
+            texts = _unpacked(raw, encoded, file)
+            _check_texts(name, texts.count(b"\0"), texts[-1:] == b"\0", count)
+            return
     finally:
         raw.release()
     if found is None:
         raise _Broken(f"array {name!r} is cut short or damaged")
-    if count is not None and kind not in ("Bit", "String") and found != count * SIZES[kind]:
+    if count is not None and kind != "Bit" and found != count * SIZES[kind]:
         raise _Broken(f"array {name!r} holds {found // SIZES[kind]} values and claims {count}")
-    if count is not None and kind == "String" and found < count:
-        raise _Broken(f"array {name!r} holds fewer texts than the {count} that it claims")
+
+
+def _raw(array, file: _File) -> tuple[memoryview, bool]:
+    """Return the bytes of the file from where an array begins, and whether they are base64."""
+    attributes = array.attrib
+    name, form = attributes.get("Name", "?"), attributes.get("format", "ascii")
+    if form == "appended":
+        offset = int(attributes["offset"])
+        if not 0 <= offset <= file.end - file.start:
+            raise _Broken(f"array {name!r} begins beyond the end of the file")
+        return memoryview(file.data)[file.start + offset : file.end], file.base64
+    if form == "binary":
+        return memoryview((array.text or "").strip().encode()), True
+    raise _Broken(f"array {name!r} has the unknown format {form!r}")
+
+
+def _check_offsets(cells, file: _File) -> None:
+    """Raise unless the cells' ends rise to the number of their nodes: VTK makes room by them."""
+    arrays = {array.attrib.get("Name"): array for array in cells}
+    if "offsets" not in arrays or "connectivity" not in arrays:
+        if len(cells):
+            raise _Broken("its cells have no nodes")
+        return
+    offsets = _whole_numbers(arrays["offsets"], file)
+    last = int(offsets[-1]) if len(offsets) else 0
+    if len(offsets) and (offsets[0] < 0 or (np.diff(offsets) < 0).any()):
+        raise _Broken("its cells end before they begin")
+    if last != len(_whole_numbers(arrays["connectivity"], file)):
+        raise _Broken("its cells have more or fewer nodes than are listed")
+
+
+def _whole_numbers(array, file: _File) -> np.ndarray:
+    """Return the values of an array of integers."""
+    kind = array.attrib["type"]
+    if "Int" not in kind:
+        raise _Broken(f"array {array.attrib.get('Name')!r} has no whole numbers")
+    if array.attrib.get("format", "ascii") == "ascii":
+        return np.array([int(word) for word in (array.text or "").split()], np.int64)
+    raw, encoded = _raw(array, file)
+    try:
+        content = _unpacked(raw, encoded, file)
+    finally:
+        raw.release()
+    dtype = np.dtype(f"{'u' if kind[0] == 'U' else ''}int{8 * SIZES[kind]}")
+    values = np.frombuffer(content, dtype.newbyteorder(file.order))
+    return values.astype(np.int64)
+
+
+def _check_texts(name: str, ends: int, closed: bool, count: int | None) -> None:
+    """Raise unless there are as many texts as claimed: VTK writes beyond its array otherwise."""
+    if ends != (count or 0) or (ends and not closed):
+        raise _Broken(f"array {name!r} holds {ends} texts and claims {count or 0}")
 
 
 def _bytes_of(raw, encoded: bool, file: _File) -> int | None:
     """Return how many bytes an array has when it is unpacked, None if they are not there."""
     item = struct.calcsize(file.header)
 
-    def numbers(count: int):
-        size = count * item
-        if encoded:
-            text = bytes(raw[: 4 * -(-size // 3)])
-            found = base64.b64decode(text + b"=" * (-len(text) % 4))
-        else:
-            found = bytes(raw[:size])
-        return struct.unpack(f"{file.order}{count}{file.header}", found[:size])
-
     def room(start_size: int) -> int:
         """Bytes that can follow a header of so many bytes."""
-        if not encoded:
-            return len(raw) - start_size
-        return 3 * (len(raw) // 4 + 1)
+        return 3 * (len(raw) // 4 + 1) if encoded else len(raw) - start_size
 
     if len(raw) < item:
         return None
     if file.compressor is None:
-        (size,) = numbers(1)
+        (size,) = _numbers(raw, 1, encoded, file)
         return size if size <= room(item) else None
-    (blocks,) = numbers(1)
+    (blocks,) = _numbers(raw, 1, encoded, file)
     if blocks == 0:
         return 0
     if blocks * item > len(raw):
         return None
-    _, full, last, *packed = numbers(3 + blocks)
+    _, full, last, *packed = _numbers(raw, 3 + blocks, encoded, file)
     total = (blocks - 1) * full + last if last else blocks * full
     if sum(packed) > room((3 + blocks) * item) or last > full:
         return None
     most = MOST_COMPRESSION.get(file.compressor, OTHER_COMPRESSION)
     return total if total <= most * sum(packed) + 64 else None
+
+
+def _numbers(raw, count: int, encoded: bool, file: _File) -> tuple[int, ...]:
+    """Return the first numbers before an array."""
+    size = count * struct.calcsize(file.header)
+    found = _decoded(raw, size) if encoded else bytes(raw[:size])
+    return struct.unpack(f"{file.order}{count}{file.header}", found[:size])
+
+
+def _decoded(raw, size: int, start: int = 0) -> bytes:
+    """Return `size` bytes of base64 that begins at character `start`."""
+    text = bytes(raw[start : start + 4 * -(-size // 3)])
+    return base64.b64decode(text + b"=" * (-len(text) % 4))[:size]
+
+
+def _unpacked(raw, encoded: bool, file: _File) -> bytes:
+    """Return the bytes of an array."""
+    item = struct.calcsize(file.header)
+    if file.compressor is None:
+        (size,) = _numbers(raw, 1, encoded, file)
+        whole = _decoded(raw, item + size) if encoded else bytes(raw[: item + size])
+        return whole[item:]
+    (blocks,) = _numbers(raw, 1, encoded, file)
+    if blocks == 0:
+        return b""
+    _, full, last, *packed = _numbers(raw, 3 + blocks, encoded, file)
+    start = (3 + blocks) * item
+    if encoded:  # the header is encoded by itself
+        body = _decoded(raw, sum(packed), 4 * -(-start // 3))
+    else:
+        body = bytes(raw[start : start + sum(packed)])
+    unpack = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
+    found, at = [], 0
+    for number, length in enumerate(packed):
+        size = last if last and number == blocks - 1 else full
+        block = body[at : at + length]
+        try:
+            plain = unpack.get(file.compressor, _from_lz4)(block)
+        except (zlib.error, lzma.LZMAError, IndexError, EOFError):
+            raise _Broken("a compressed block does not unpack") from None
+        if len(plain) != size:
+            raise _Broken("a compressed block has another length than it claims")
+        found.append(plain)
+        at += length
+    return b"".join(found)
+
+
+def _from_lz4(block: bytes) -> bytes:
+    """Return an LZ4 block unpacked (lz4_Block_format.md of the LZ4 project)."""
+    made, at = bytearray(), 0
+
+    def length(first: int) -> int:
+        nonlocal at
+        total = first
+        while first == 15 and (extra := block[at]) is not None:
+            at += 1
+            total += extra
+            if extra != 255:
+                break
+        return total
+
+    while at < len(block):
+        token = block[at]
+        at += 1
+        literals = length(token >> 4)
+        made += block[at : at + literals]
+        at += literals
+        if at >= len(block):
+            break
+        offset = block[at] | block[at + 1] << 8
+        at += 2
+        repeat = length(token & 15) + 4
+        if not 0 < offset <= len(made):
+            raise IndexError("an offset before the beginning")
+        while repeat > 0:  # what is copied may be what was just written
+            piece = made[-offset:][:repeat]
+            made += piece
+            repeat -= len(piece)
+    return bytes(made)

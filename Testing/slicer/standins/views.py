@@ -137,10 +137,10 @@ def slice_view(volume, axis_vectors, size=(720, 720)):
 
 
 @contextmanager
-def space_view(size=(720, 720)):
-    """Show the models of the scene in a 3-D view."""
+def space_view(size=(720, 720), node=None):
+    """Show the models of the scene in a 3-D view; its node may be that of a layout."""
     scene = slicer.mrmlScene
-    node = scene.AddNewNodeByClass("vtkMRMLViewNode", "View1")
+    node = node or scene.AddNewNodeByClass("vtkMRMLViewNode", "View1")
     node.SetBackgroundColor(0.756863, 0.764706, 0.909804)  # Slicer's own
     node.SetBackgroundColor2(0.454902, 0.470588, 0.745098)
     node.SetBoxVisible(False)

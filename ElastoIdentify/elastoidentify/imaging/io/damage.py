@@ -1,9 +1,14 @@
 """Shared by the checks of single formats: how damage is said, and how packed bytes are counted."""
 
 import bz2
+import ctypes
 import gzip
+import os
+import sys
+import tempfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -75,3 +80,39 @@ def count_unpacked(path: Path, stream: BinaryIO, kind: str, wanted: int) -> int:
     if not machine.eof and count <= wanted + _CHUNK:
         raise damaged(path, "its packed values end early")
     return count
+
+
+@contextmanager
+def heard() -> Iterator[list[str]]:
+    """Keep to ourselves what a C library prints; the list has it, line by line, at the end.
+
+    libjpeg says nowhere else that a picture is damaged; MetaIO and HDF5 print what they raise too.
+    """
+    lines: list[str] = []
+    try:
+        kept = [os.dup(number) for number in (1, 2)]
+    except OSError:  # no such streams, as in a host with windows only
+        yield lines
+        return
+    with tempfile.TemporaryFile() as said:
+        try:
+            _flush()
+            for number in (1, 2):
+                os.dup2(said.fileno(), number)
+            yield lines
+        finally:
+            _flush()
+            for number, old in zip((1, 2), kept, strict=True):
+                os.dup2(old, number)
+                os.close(old)
+            said.seek(0)
+            lines += said.read().decode(errors="replace").splitlines()
+
+
+def _flush() -> None:
+    """Empty the buffers of Python's and of C's streams."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).fflush(None)  # not on Windows, where libraries bring a C of their own

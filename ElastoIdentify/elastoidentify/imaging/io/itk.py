@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...installation import needs
 from . import nifti, pictures, text_headers
+from .damage import damaged, heard
 from .writing import last_line
 
 MAGIC = {
@@ -77,6 +78,8 @@ def read_voxels(path: Path) -> Voxels:
     if kind == "nifti":
         header = nifti.read_header(path)
         notes += nifti.placement_note(header)
+        if header.second:
+            raise InputError(f"{path}: a NIfTI-2 file, which ITK does not read; save it as NIfTI-1")
         if header.analyze:
             notes.append("the Analyze format does not say where left and right are")
     elif kind == "nrrd":
@@ -98,9 +101,12 @@ def read_voxels(path: Path) -> Voxels:
     _refuse_dimensions(path, header, fields)
     with nifti.alone(path, header) if header else nullcontext(path) as name:
         try:
-            image = sitk.ReadImage(str(name))
-        except RuntimeError as error:
+            with heard() as said:
+                image = sitk.ReadImage(str(name))
+        except (RuntimeError, UnicodeError, MemoryError) as error:
             raise _refusal(path, error, kind) from None
+    if kind == "jpeg" and said:
+        raise damaged(path, said[0][:80])
     voxels = _voxels(sitk, image, path)
     voxels.fields = fields
     voxels.notes = notes + voxels.notes
@@ -198,6 +204,8 @@ def _voxels(sitk, image, path: Path) -> Voxels:
     axes[:used, :used] = direction
     if not np.isfinite([*origin, *spacing, *axes.ravel()]).all() or (spacing <= 0).any():
         raise InputError(f"{path}: its origin or voxel size is no number; repair its header")
+    if abs(np.linalg.det(axes)) < 1e-6:
+        raise InputError(f"{path}: its axes lie in one plane; repair the directions in its header")
     return Voxels(array, origin, spacing, axes, planar=dimension == 2)
 
 

@@ -80,8 +80,8 @@ def _nrrd_encoding(fields) -> str:
 
 def _check_detached(path: Path, name: str, kind: str, wanted: int, fields) -> None:
     data = path.parent / name
-    if not data.is_file():
-        raise InputError(f"{path}: the file with its values, {name}, is not there")
+    if not _is_file(data):
+        raise InputError(f"{path}: the file with its values, {name!r}, is not there")
     with open(data, "rb") as stream:
         _check(path, data, stream, kind, wanted, fields)
 
@@ -118,22 +118,42 @@ def check_metaimage(path: Path) -> None:
             item = META_BYTES[fields["ElementType"].removesuffix("_ARRAY")]
         except (KeyError, ValueError):
             raise damaged(path, "its header has no sizes or type") from None
+        _check_meta_header(path, fields, sizes, channels)
         wanted = math.prod(sizes) * channels * item
-        if min(sizes, default=0) < 1 or channels < 1:
-            raise damaged(path, "its header has sizes below 1")
         name = fields["ElementDataFile"]
         packed = fields.get("CompressedData", "").lower() == "true"
         text = fields.get("BinaryData", "").lower() == "false"
         if name.upper() == "LOCAL":
             _check_meta(path, stream, packed, text, wanted, item)
-        elif not name.upper().startswith("LIST") and "%" not in name:
+        elif name.upper().startswith("LIST") or "%" in name:
+            raise InputError(f"{path}: its values are in several files; save it as one .mha")
+        else:
             data = path.parent / name
-            if not data.is_file():
-                raise InputError(f"{path}: the file with its values, {name}, is not there")
+            if not _is_file(data):
+                raise InputError(f"{path}: the file with its values, {name!r}, is not there")
             with open(data, "rb") as values:
                 skip = int(float(fields.get("HeaderSize", 0)))
                 values.seek(skip if skip > 0 else 0)
                 _check_meta(path, values, packed, text, wanted, item)
+
+
+def _check_meta_header(path: Path, fields, sizes: list[int], channels: int) -> None:
+    """Raise unless a MetaImage's header is consistent; MetaIO trusts it and ends the process."""
+    dimensions = fields.get("NDims", "")
+    if dimensions != str(len(sizes)) or not 1 <= len(sizes) <= 10:
+        raise damaged(path, f"its header has {dimensions[:20]!r} dimensions, {len(sizes)} sizes")
+    if min(sizes) < 1 or not 1 <= channels <= 1000:
+        raise damaged(path, "its header has sizes below 1")
+    n = len(sizes)
+    lengths = {"ElementSpacing": n, "ElementSize": n, "Offset": n, "Position": n, "Origin": n}
+    lengths |= {"CenterOfRotation": n, "TransformMatrix": n * n, "Rotation": n * n}
+    for name, length in lengths.items():
+        try:
+            numbers = [float(word) for word in fields.get(name, "0 " * length).split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != length:
+            raise damaged(path, f"its header has no {length} numbers for {name}")
 
 
 def _check_meta(path: Path, stream, packed: bool, text: bool, wanted: int, item: int) -> None:
@@ -168,6 +188,13 @@ def check_vtk(path: Path) -> None:
             require(path, count_unpacked(path, stream, "raw", 0), wanted * item)
         else:
             require(path, len(stream.read().split()), wanted)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that cannot be one
+        return False
 
 
 def _lines(stream) -> tuple[list[str], bool]:

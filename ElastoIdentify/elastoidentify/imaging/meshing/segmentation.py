@@ -47,6 +47,16 @@ class LabelMesh:
     reaction_nodes: np.ndarray
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def outer_border(self) -> np.ndarray:
+        """1 for the nodes of the mesh's border: what is cut off later is told by it. (n,) uint8"""
+        corners = np.sort(self.cells, axis=1)
+        sides = np.concatenate([np.delete(corners, k, axis=1) for k in range(corners.shape[1])])
+        sides, count = np.unique(sides, axis=0, return_counts=True)
+        border = np.zeros(len(self.points), np.uint8)
+        border[sides[count == 1]] = 1
+        return border
+
 
 def mesh_segmentation(
     segmentation: Image,

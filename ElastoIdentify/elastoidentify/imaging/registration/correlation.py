@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 from scipy import ndimage
+from scipy.sparse.csgraph import connected_components
 
 from ...fem.assembly import tangent_stiffness
 from ...fem.constitutive import SmallStrain
@@ -29,6 +30,8 @@ def refine_displacement(
     cells: np.ndarray,
     displacement: np.ndarray,
     spacing: np.ndarray | None = None,
+    *,
+    located: tuple | None = None,
 ) -> np.ndarray:
     """Correct measured displacements by what the images still differ in.
 
@@ -51,6 +54,8 @@ def refine_displacement(
         In voxels, right to about a voxel.
     spacing : (d,), optional
         Voxel size along i, j(, k), in any unit; default: cubes.
+    located : tuple, optional
+        What :func:`~.information.voxels_in_cells` returns, if it is known already.
 
     Returns
     -------
@@ -59,7 +64,7 @@ def refine_displacement(
     """
     dimension = rest.ndim
     spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
-    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing)
+    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing, located)
     scale = matrix.diagonal().mean()
     if not scale > 0:  # images without texture
         return displacement.copy()
@@ -73,7 +78,7 @@ def refine_displacement(
     return displacement + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
-def correlation_system(rest, pushed, points, cells, displacement, spacing):
+def correlation_system(rest, pushed, points, cells, displacement, spacing, located=None):
     """The matrix M and the right-hand side Σ N ∇f (f − g(x + u)) of a Gauss–Newton step.
 
     Arguments as in :func:`refine_displacement`. Gradients per unit of `spacing`; unknowns ordered
@@ -84,10 +89,13 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing):
     matrix : csr_matrix, (n·d, n·d)
     force : (n·d,)
     """
-    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+    voxels, near, weights = located or voxels_in_cells(points, cells, rest.shape)
     here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
     there = here + np.einsum("va,vad->vd", weights, displacement[near])
-    first, second = (_value_and_gradient(*pair) for pair in ((rest, here), (pushed, there)))
+    shown = ((there >= 0) & (there <= np.array(pushed.shape[::-1]) - 1)).all(1)
+    voxels, near, weights, here, there = (a[shown] for a in (voxels, near, weights, here, there))
+    first = _value_and_gradient(rest, here, at_voxels=True)
+    second = _value_and_gradient(pushed, there)
     gain, offset = fit_grey_values(first[0], second[0])
     difference = first[0] - (gain * second[0] + offset)
     gradient = (first[1:] + gain * second[1:]) / 2 / spacing[:, None]
@@ -99,10 +107,55 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing):
     return _correlation_matrix(shape, gradient), force
 
 
+def carried_displacement(
+    points: np.ndarray, cells: np.ndarray, displacement: np.ndarray, trusted: np.ndarray
+) -> np.ndarray:
+    """Replace the displacement of nodes that are not trusted by what their surroundings do.
+
+    They move as the nodes of a uniform elastic body do whose trusted nodes are held where they
+    were measured and whose surface is free.
+
+    Parameters
+    ----------
+    points : (n, d)
+        In pixels.
+    cells : (m, k) int
+    displacement : (n, d)
+        In pixels.
+    trusted : (n,) bool
+
+    Returns
+    -------
+    (n, d)
+        As measured at trusted nodes, and where no mesh leads to one.
+    """
+    mesh = simplex_mesh(points, cells)
+    links = mesh.node_cells @ mesh.node_cells.T
+    _, part = connected_components(links, directed=False)
+    reached = np.isin(part, part[trusted])
+    free = np.flatnonzero(np.repeat(~trusted & reached, mesh.dim))
+    if not len(free):
+        return displacement.copy()
+    stiffness = uniform_stiffness(mesh)
+    carried = displacement.astype(float).ravel()
+    carried[free] = 0.0
+    force = (stiffness @ carried)[free]
+    inner = stiffness[free][:, free].tocsc()
+    # parts that hang on a single trusted node could turn about it
+    inner = inner + 1e-9 * inner.diagonal().mean() * sp.identity(len(free), format="csc")
+    carried[free] = -spl.splu(inner, permc_spec="MMD_AT_PLUS_A").solve(force)
+    return carried.reshape(displacement.shape)
+
+
+def uniform_stiffness(mesh: Mesh) -> sp.csr_matrix:
+    """K of a uniform linear elastic body, (n·d, n·d)."""
+    lam, mu = (np.full(mesh.n_cells, one) for one in lame_from_young(1.0, POISSON_RATIO))
+    return tangent_stiffness(mesh, SmallStrain(), np.zeros_like(mesh.points), lam, mu)
+
+
 def equilibrium_gap(mesh: Mesh) -> sp.csr_matrix:
     """KᵀK of a uniform linear elastic body, with the rows of the inner nodes. Shape (n·d, n·d)."""
-    lam, mu = (np.full(mesh.n_cells, one) for one in lame_from_young(1.0, POISSON_RATIO))
-    stiffness = tangent_stiffness(mesh, SmallStrain(), np.zeros_like(mesh.points), lam, mu)
+    stiffness = uniform_stiffness(mesh)
     inner = np.flatnonzero(~mesh.boundary_nodes & (np.diff(mesh.node_cells.indptr) > 0))
     rows = stiffness[(inner[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()]
     return (rows.T @ rows).tocsr()
@@ -129,18 +182,24 @@ def _correlation_matrix(shape: sp.csr_matrix, gradient: np.ndarray) -> sp.csr_ma
     return sp.bmat(blocks, format="csr")[by_node][:, by_node]
 
 
-def _value_and_gradient(image: np.ndarray, where: np.ndarray) -> np.ndarray:
+def _value_and_gradient(
+    image: np.ndarray, where: np.ndarray, at_voxels: bool = False
+) -> np.ndarray:
     """Slightly blurred value and its gradient per voxel along i, j(, k), (1 + d, v), at `where`."""
     image, dimension = np.asarray(image, float), image.ndim
     orders = [[0] * dimension]
     orders += [
         [int(axis == dimension - 1 - a) for axis in range(dimension)] for a in range(dimension)
     ]
+    place = where.T[::-1]
+    if at_voxels:
+        place = tuple(place.astype(int))
+        return np.stack([ndimage.gaussian_filter(image, BLUR, order=o)[place] for o in orders])
     return np.stack(
         [
             ndimage.map_coordinates(
                 ndimage.gaussian_filter(image, BLUR, order=order),
-                where.T[::-1],
+                place,
                 order=1 if any(order) else 3,
                 mode="nearest",
             )

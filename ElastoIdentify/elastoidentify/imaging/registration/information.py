@@ -9,6 +9,7 @@ BLUR = 0.7  # voxels, of the Gaussian that the image is differentiated with
 # share of the resolution that the deformation model cannot follow, see docs/registration.md
 MODEL_ERROR = 0.4  # of B-splines, resolution: the control-point spacing
 REFINED_MODEL_ERROR = 0.2  # of displacements refined on the mesh, resolution: the node's patch
+SINGULAR = 3.0  # times the gradient that cells see where the contact with a rigid body ends
 _CHUNK = 4_000_000  # candidate voxels looked at in one go
 
 
@@ -145,12 +146,8 @@ def _noise_gain(dimension: int) -> float:
     return float((_derivatives(pulse, np.ones(dimension))[0] ** 2).sum())
 
 
-def strain_spread(points: np.ndarray, corners: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-    """How much the displacement gradient changes around each node, squared, (n,).
-
-    Mean over the cells at a node of |∇u − (∇u averaged at the cell's nodes)|².
-    """
-    count, nodes = corners.shape[1], len(points)
+def cell_gradients(points: np.ndarray, corners: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """∇u of each triangle or tetrahedron, (p, d·d); 0 where it has no size."""
     edges, change = (
         values[corners[:, 1:]] - values[corners[:, :1]] for values in (points, displacement)
     )
@@ -158,6 +155,24 @@ def strain_spread(points: np.ndarray, corners: np.ndarray, displacement: np.ndar
     edges = np.where(flat[:, None, None], np.eye(points.shape[1]), edges)
     gradients = np.linalg.solve(edges, change).reshape(len(corners), -1)
     gradients[flat] = 0.0
+    return gradients
+
+
+def strain_spread(
+    points: np.ndarray,
+    corners: np.ndarray,
+    displacement: np.ndarray,
+    touched: np.ndarray | None = None,
+) -> np.ndarray:
+    """How much the displacement gradient changes around each node, squared, (n,).
+
+    Mean over the cells at a node of |∇u − (∇u averaged at the cell's nodes)|². At a node that an
+    outside body touches (`touched`, (n,) bool) the strain ends at once: |∇u|² more. Where the
+    contact itself ends the strain is singular, and the cells see a part of it: (3 |∇u|)².
+    The factors are measured, see docs/registration.md.
+    """
+    count, nodes = corners.shape[1], len(points)
+    gradients = cell_gradients(points, corners, displacement)
     around = np.maximum(np.bincount(corners.ravel(), minlength=nodes), 1)
 
     def at_nodes(values):
@@ -165,7 +180,24 @@ def strain_spread(points: np.ndarray, corners: np.ndarray, displacement: np.ndar
         return total / around
 
     mean = np.stack([at_nodes(column) for column in gradients.T], 1)
-    return at_nodes(((gradients[:, None] - mean[corners]) ** 2).sum(2).mean(1))
+    spread = at_nodes(((gradients[:, None] - mean[corners]) ** 2).sum(2).mean(1))
+    if touched is not None:
+        jump = np.where(touched, 1.0, 0.0)
+        jump[contact_edge(corners, touched)] = SINGULAR
+        spread = spread + (jump**2 * (mean**2).sum(1))
+    return spread
+
+
+def contact_edge(corners: np.ndarray, touched: np.ndarray) -> np.ndarray:
+    """Numbers of the touched nodes whose surface goes on to nodes that are not touched."""
+    size = corners.shape[1]
+    sides = np.vstack([np.delete(corners, k, axis=1) for k in range(size)])
+    _, first, uses = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    surface = sides[first[uses == 1]]
+    ends = surface[~touched[surface].all(axis=1)]
+    return np.unique(ends[touched[ends]])
 
 
 def displacement_information(
@@ -177,6 +209,9 @@ def displacement_information(
     *,
     spacing: np.ndarray | None = None,
     resolution: float | None = 16.0,
+    seen: np.ndarray | None = None,
+    touched: np.ndarray | None = None,
+    located: tuple | None = None,
 ):
     """Inverse covariance of displacements measured by a registration.
 
@@ -212,6 +247,12 @@ def displacement_information(
         Voxel size in pixels; its product is 1.
     resolution : float or None
         h in pixels. None: the node's own patch, h^d = A, for displacements refined on the mesh.
+    seen : bool, shape of `rest`, optional
+        Where the warped image shows something; elsewhere the tissue has left the pushed image.
+    touched : (n,) bool, optional
+        Nodes that an outside body touches, see :func:`strain_spread`.
+    located : tuple, optional
+        What :func:`voxels_in_cells` returns, if it is known already.
 
     Returns
     -------
@@ -225,7 +266,10 @@ def displacement_information(
     rest, warped = np.asarray(rest, float), np.asarray(warped, float)
     dimension, nodes = rest.ndim, len(points)
     spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
-    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+    voxels, near, weights = located or voxels_in_cells(points, cells, rest.shape)
+    if seen is not None:
+        shown = seen.ravel()[voxels]
+        voxels, near, weights = voxels[shown], near[shown], weights[shown]
 
     def at_nodes(values):
         return np.bincount(near.ravel(), (values[:, None] * weights).ravel(), minlength=nodes)
@@ -249,7 +293,7 @@ def displacement_information(
     patch = np.maximum(volume, 1e-9) if resolution is None else resolution**dimension
     certain = strength * (patch / np.maximum(volume, 1e-9))[:, None] / noise**2
     pixels = points * spacing
-    spread = strain_spread(pixels, simplices(cells, dimension), displacement)
+    spread = strain_spread(pixels, simplices(cells, dimension), displacement, touched)
     factor = REFINED_MODEL_ERROR if resolution is None else MODEL_ERROR
     model = factor**2 * patch ** (2 / dimension) * spread / dimension
     share = np.minimum(1.0, volume / patch)

@@ -7,19 +7,22 @@ same number of voxels, and the smoothness of the deformation is isotropic in the
 """
 
 from collections.abc import Sequence
-from contextlib import nullcontext
+from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from ...errors import InputError
-from ...progress import Progress, part, silent
+from ...progress import Progress, silent
 from ...workers.elastix_client import ElastixProcess
 from ..image import Image
-from .correlation import refine_displacement
+from .correlation import carried_displacement, refine_displacement
 from .information import (
+    cell_gradients,
     displacement_information,
     fit_grey_values,
     signed_volumes,
@@ -27,6 +30,7 @@ from .information import (
     voxels_in_cells,
 )
 from .parameter_files import control_point_spacing, load_parameters
+from .together import Engines, engines_for, run_together
 
 SMALLEST_IMAGE = 16  # voxels along an axis of a planar image
 THINNEST_VOLUME = 8  # voxels along an axis of a volume
@@ -35,6 +39,8 @@ LARGEST_DISAGREEMENT = 1.0  # pixels, median over the nodes
 SMALLEST_PUSH = 0.5  # pixels
 BLIND = 1.0  # pixels of uncertainty at which a node counts as without texture
 CARRIED = 0.5  # pixels that such nodes are right to, carried by their surroundings
+APART = 1.0  # pixels between forward and backward registration at which a node is not believed
+NOT_SEEN = -1e30  # what elastix writes where the pushed image shows nothing
 SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # xx, yy, zz, xy, yz, xz
 
 
@@ -274,6 +280,18 @@ def _trial_warnings(trial: int, figures: dict) -> list[str]:
             f"the images agree less after the registration ({after:.2f}) than before "
             f"({before:.2f}): do not trust this trial"
         )
+    if figures["nodes_disagreeing"]:
+        found.append(
+            f"{figures['nodes_disagreeing']} mesh nodes are placed more than {APART:g} pixel apart "
+            "by the forward and the backward registration: their displacement is taken from the "
+            "nodes around them and has no weight"
+        )
+    if figures["nodes_leaving"]:
+        found.append(
+            f"{figures['nodes_leaving']} mesh nodes leave the pushed image: their displacement is "
+            "carried on from the nodes that stay and has little weight; a larger field of view "
+            "would show them"
+        )
     if figures["folded_cells"] > 0:
         found.append(
             f"{100 * figures['folded_cells']:.2g} % of the cells are turned inside out by the "
@@ -329,6 +347,8 @@ def register(
     reference: str = "rest",
     backward: bool = True,
     refine: bool = True,
+    reaction_nodes: np.ndarray | None = None,
+    workers: int | None = None,
     elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
@@ -360,6 +380,12 @@ def register(
         Correct the displacements by one step of image correlation on the mesh, see
         :func:`~elastoidentify.imaging.registration.correlation.refine_displacement`: noisier,
         with less bias where the strain jumps.
+    reaction_nodes : (n,) bool, optional
+        Nodes that an outside body touches (the mesher's ``reaction_nodes``). The strain ends there
+        at once, which neither B-splines nor cells follow: their information says so.
+    workers : int, optional
+        Registrations at once, each in an elastix process of about 0.9 GB. Default: one for slices,
+        for volumes one per core, at most four. The result does not depend on it.
     elastix : ElastixProcess, optional
         A worker that is kept warm for several calls; it is left open, unless cancelled.
     progress : callable, optional
@@ -398,10 +424,21 @@ def register(
         if not mask_array.any():
             raise InputError("the mask is empty: no voxel of it differs from 0")
 
-    work = _Work(frame, frame.array(rest), points, cells, maps, mask_array, outside, refine)
-    start = nullcontext(elastix) if elastix else ElastixProcess(part(progress, 0.0, 0.05))
-    with start as worker:
-        figures = work.run(worker, trials, reference, backward, part(progress, 0.05, 1.0))
+    touched = None
+    if reaction_nodes is not None:
+        touched = np.asarray(reaction_nodes).astype(bool).ravel()
+        if len(touched) != len(points):
+            raise InputError(
+                f"reaction_nodes has {len(touched)} values and the mesh {len(points)} nodes: give "
+                "one per node"
+            )
+
+    work = _Work(
+        frame, frame.array(rest), points, cells, maps, mask_array, outside, refine, touched
+    )
+    at_once = engines_for(len(frame.kept), len(trials), workers)
+    with Engines(elastix) as engines:
+        figures = work.run(engines, trials, reference, backward, at_once, progress)
     progress(1.0, "registration done")
 
     sentences = [_trial_warnings(number, one) for number, one in enumerate(figures, 1)]
@@ -433,98 +470,183 @@ def register(
     )
 
 
-def _named(name: str, progress: Progress) -> Progress:
-    """Put a name before the text of a progress callable."""
-    return lambda fraction, text: progress(fraction, f"{name}: {text}")
+def _named_task(name: str, task):
+    """Put a name before what a task tells its progress."""
+    return lambda progress: task(lambda fraction, text: progress(fraction, f"{name}: {text}"))
 
 
 class _Work:
     """One call of :func:`register`, in pixels: arrays filled trial by trial."""
 
-    def __init__(self, frame, rest, points, cells, maps, mask, outside, refine):
-        self.frame, self.rest, self.maps, self.mask = frame, rest, maps, mask
+    def __init__(self, frame, rest, points, cells, maps, mask, outside, refine, touched):
+        self.frame, self.rest, self.mask = frame, rest, mask
+        self.maps = [one | {"DefaultPixelValue": [f"{NOT_SEEN:g}"]} for one in maps]
         self.index, self.cells, self.outside = frame.index(points), cells, outside
-        self.refine = refine
+        self.refine, self.touched = refine, touched
         self.corners = simplices(cells, len(frame.kept))
-        self.inside = voxels_in_cells(self.index, cells, rest.shape)[0]
+        self.located = voxels_in_cells(self.index, cells, rest.shape)
+        self.inside = self.located[0]
         if len(self.inside) < 16:
             raise InputError("the mesh covers hardly a voxel of the rest image: check its units")
 
-    def run(self, elastix, trials, reference, backward, progress) -> list[dict]:
-        """Register every trial. Returns the figures of each."""
+    def run(self, engines, trials, reference, backward, at_once, progress) -> list[dict]:
+        """Register every trial, so many at once. Returns the figures of each."""
         count, (nodes, dimension) = len(trials), self.index.shape
         self.displacements = np.zeros((count, nodes, dimension))
         self.information = np.zeros((count, nodes, dimension, dimension))
         self.disagreement = np.zeros((count, nodes))
         start = self.index * self.frame.spacing
-        reached, image = start, self.rest
-        figures = []
-        for k, trial in enumerate(trials):
-            tell = _named(f"trial {k + 1} of {count}", part(progress, k / count, (k + 1) / count))
-            reached, warped, miss = self._one(elastix, image, trial, reached, backward, tell)
-            self.displacements[k] = self._refined(trial, reached - start)
-            self.disagreement[k] = miss
-            figures.append(self._judge(k, image, trial, warped, miss if backward else None))
-            if reference == "previous":
-                image = trial
-            else:
-                reached = start
+        forth = [Future() for _ in trials]  # T(points) and the warped image of each
+        figures = [None] * count
+        composed = reference == "previous"
+        images = [self.rest, *trials[:-1]] if composed else [self.rest] * count
+
+        def go(k, progress):
+            points = forth[k - 1].result()[0] if composed and k else start
+            try:
+                forth[k].set_result(self._one(engines, images[k], trials[k], points, progress))
+            except BaseException as error:  # whoever waits for it must not wait for ever
+                forth[k].set_exception(error)
+                raise
+            if not backward:
+                finish(k, None)
+
+        def come_back(k, progress):
+            reached, _ = forth[k].result()
+            points = forth[k - 1].result()[0] if composed and k else start
+            pair = trials[k], images[k]
+            back, _ = self._one(engines, *pair, reached, progress, warp=False)
+            finish(k, np.linalg.norm(back - points, axis=1))
+
+        def finish(k, miss):
+            reached, warped = forth[k].result()
+            self.disagreement[k] = 0.0 if miss is None else miss
+            doubt = self._doubt(reached, self.disagreement[k])
+            self.displacements[k] = self._measured(trials[k], reached - start, doubt)
+            figures[k] = self._judge(k, images[k], trials[k], warped, miss, doubt)
+
+        ways = [("", go), (" back", come_back)][: 2 if backward else 1]
+        tasks = [
+            _named_task(f"trial {k + 1} of {count}{name}", partial(way, k))
+            for name, way in ways
+            for k in range(count)
+        ]
+        run_together(tasks, at_once, progress)
         return figures
 
-    def _refined(self, trial, displacement):
-        """The displacement in pixels after the second step, where it is asked for."""
+    def _doubt(self, reached, miss) -> "_Doubt":
+        """Which nodes leave the pushed image, and which were not found there."""
+        place = reached / self.frame.spacing
+        leaving = ((place < -0.5) | (place > np.array(self.rest.shape[::-1]) - 0.5)).any(1)
+        return _Doubt(leaving & ~self.outside, (miss > APART) & ~leaving & ~self.outside)
+
+    def _measured(self, trial, displacement, doubt):
+        """The displacement in pixels, carried on where it is in doubt, after the second step."""
+        spacing = self.frame.spacing
+        if doubt.any.any() and doubt.any.mean() < 0.5:
+            pixels = self.index * spacing
+            displacement = carried_displacement(pixels, self.cells, displacement, ~doubt.any)
         if not self.refine:
             return displacement
-        spacing = self.frame.spacing
         voxels = refine_displacement(
-            self.rest, trial, self.index, self.cells, displacement / spacing, spacing
+            self.rest,
+            trial,
+            self.index,
+            self.cells,
+            displacement / spacing,
+            spacing,
+            located=self.located,
         )
         return np.where(self.outside[:, None], displacement, voxels * spacing)
 
-    def _one(self, elastix, fixed, moving, points, backward, progress):
-        """Register one pair. Returns T(points), the warped image and |T⁻¹(T(points)) − points|."""
+    def _one(self, engines, fixed, moving, points, progress, warp=True):
+        """Register one pair. Returns T(points) and the warped image."""
         mask = self.mask if fixed is self.rest else None
-        stop = 0.5 if backward else 1.0
         settings = self.frame.spacing, self.maps
-        mapped, warped = elastix.register(
-            fixed, moving, *settings, points, mask=mask, progress=part(progress, 0.0, stop)
-        )
-        if not backward:
-            return mapped, warped, np.zeros(len(points))
-        back, _ = elastix.register(
-            moving, fixed, *settings, mapped, progress=part(progress, stop, 1.0)
-        )
-        return mapped, warped, np.linalg.norm(back - points, axis=1)
+        with engines.one(progress) as elastix:
+            return elastix.register(
+                fixed, moving, *settings, points, mask=mask, warp=warp, progress=progress
+            )
 
-    def _judge(self, k, image, trial, warped, miss) -> dict:
+    def _judge(self, k, image, trial, warped, miss, doubt) -> dict:
         """Fill in the information of trial k and return its figures."""
-        smooth = [ndimage.gaussian_filter(one, 1.0) for one in (image, trial, warped)]
-        rest, before, after = (one.ravel()[self.inside] for one in smooth)
-        gain, offset = fit_grey_values(image.ravel()[self.inside], warped.ravel()[self.inside])
+        seen = warped > NOT_SEEN / 2
+        inside = self.inside[seen.ravel()[self.inside]]
+        if len(inside) < 16:
+            seen, inside = np.ones_like(seen), self.inside  # nothing matches: the figures say so
+        gain, offset = fit_grey_values(image.ravel()[inside], warped.ravel()[inside])
+        levelled = np.where(seen, gain * warped + offset, image)
+        smooth = [ndimage.gaussian_filter(one, 1.0) for one in (image, trial, levelled)]
+        rest, before, after = (one.ravel()[inside] for one in smooth)
         moved = self.displacements[k]
         information, share, noise = displacement_information(
             image,
-            gain * warped + offset,
+            levelled,
             self.index,
             self.cells,
             moved,
             spacing=self.frame.spacing,
             resolution=None if self.refine else control_point_spacing(self.maps),
+            seen=seen,
+            touched=self.touched,
+            located=self.located,
         )
-        information[self.outside] = 0.0
-        pixels = self.index * self.frame.spacing
+        information[self.outside | doubt.leaving] = 0.0
         weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)
-        carried = np.where(self.outside, 0.0, share) / CARRIED**2
-        self.information[k] = information + carried[:, None, None] * np.eye(len(self.frame.kept))
+        self.information[k] = self._with_doubt(information, share, moved, miss, doubt)
+        believed = np.ones(len(moved), bool) if miss is None else ~doubt.leaving & ~self.outside
+        apart = None if miss is None or not believed.any() else miss[believed]
+        pixels = self.index * self.frame.spacing
         return {
             "similarity_before": similarity(rest, before),
             "similarity_after": similarity(rest, after),
             "folded_cells": folded_share(pixels, pixels + moved, self.corners),
             "nodes_outside": float(self.outside.mean()),
+            "nodes_leaving": int(doubt.leaving.sum()),
+            "nodes_disagreeing": int(doubt.lost.sum()),
             "nodes_without_texture": float(np.mean(weakest < 1 / BLIND**2)),
-            "disagreement_median": None if miss is None else float(np.median(miss)),
-            "disagreement_largest": None if miss is None else float(miss.max()),
+            "disagreement_median": None if apart is None else float(np.median(apart)),
+            "disagreement_largest": None if apart is None else float(apart.max()),
             "noise": float(noise / np.sqrt(2)),
             "largest_displacement_pixels": float(np.linalg.norm(moved, axis=1).max()),
             "independent_share": float(share.mean()),
         }
+
+    def _with_doubt(self, information, share, moved, miss, doubt):
+        """Add what the surroundings tell, take off what the doubts are.
+
+        A node is carried by its surroundings to half a pixel; one that leaves the image is carried
+        on over the distance to the nearest that stays, and errs by the strain times the distance.
+        The disagreement of forward and backward registration is the difference of two errors of
+        one size: a variance of its square over 2 d per component.
+        """
+        dimension = information.shape[-1]
+        pixels = self.index * self.frame.spacing
+        variance = np.full(len(pixels), CARRIED**2)
+        stays = ~doubt.any & ~self.outside
+        if doubt.leaving.any() and stays.any():
+            far = cKDTree(pixels[stays]).query(pixels[doubt.leaving])[0]
+            strain2 = (cell_gradients(pixels, self.corners, moved) ** 2).sum(1).mean()
+            variance[doubt.leaving] += strain2 * far**2
+        carried = np.where(self.outside | doubt.lost, 0.0, share) / variance
+        total = information + carried[:, None, None] * np.eye(dimension)
+        total[doubt.lost] = 0.0
+        if miss is None:
+            return total
+        strength, axes = np.linalg.eigh(total)
+        # nothing comes back from where the pushed image ends
+        apart = np.where(doubt.leaving, 0.0, miss**2 / (2 * dimension))
+        strength = strength / (1 + apart[:, None] * np.maximum(strength, 0.0))
+        return np.einsum("nab,nb,ncb->nac", axes, strength, axes)
+
+
+@dataclass(frozen=True)
+class _Doubt:
+    """Nodes whose displacement is not to be believed, two masks (n,)."""
+
+    leaving: np.ndarray  # leave the pushed image
+    lost: np.ndarray  # forward and backward registration do not agree
+
+    @property
+    def any(self) -> np.ndarray:
+        return self.leaving | self.lost

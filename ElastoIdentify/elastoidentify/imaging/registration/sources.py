@@ -6,6 +6,7 @@ All are in the world of files (LPS), in the length unit of the mesh, rest → pu
 
 import csv
 import re
+import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from scipy.ndimage import map_coordinates
 
 from ...errors import InputError
 from ...progress import Progress, silent
+from ...workers.elastix_client import CLEAN_PATH, candidate_interpreters, worker_environment
+from ..io.damage import heard
 from ..io.itk import Voxels, read_voxels, simpleitk
 from ..io.writing import last_line
 
@@ -129,10 +132,12 @@ def displacement_from_transform(
     if dimension not in (2, 3):
         raise InputError(f"{path}: a transform of {dimension} dimensions; 2 or 3 are needed")
     found, covered = np.zeros_like(points), np.ones(len(points), bool)
+    with heard():
+        parts = [(part, _grid(part, path)) for part in _parts(transform)]
     for start in range(0, len(points), _CHUNK):
         progress(start / len(points), "evaluating the transform")
         here = points[start : start + _CHUNK, :dimension]
-        there, inside = _mapped(transform, here)
+        there, inside = _mapped(parts, here)
         found[start : start + _CHUNK, :dimension] = there - here
         covered[start : start + _CHUNK] = inside
     if not np.isfinite(found).all():
@@ -143,17 +148,22 @@ def displacement_from_transform(
 def _read_transform(path: Path):
     sitk = simpleitk()
     try:
-        start = path.read_bytes()[:4096]
+        content = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot read the transform {path}: {error.strerror}") from None
-    if re.search(rb"^\s*\(Transform ", start, re.M):
+    if re.search(rb"^\s*\(Transform ", content[:4096], re.M):
         raise InputError(
             f"{path}: parameters of elastix, no ITK transform; have transformix write the "
             "deformation field (-def all) and give that as a field"
         )
+    if content.startswith(b"#Insight Transform"):
+        _check_transform_text(path, content)
+    elif content.startswith(b"\x89HDF"):
+        _try_elsewhere(path)
     try:
-        return sitk.ReadTransform(str(path))
-    except RuntimeError as error:
+        with heard():
+            return sitk.ReadTransform(str(path))
+    except (RuntimeError, UnicodeError, MemoryError) as error:
         if re.search(r"Inverse\w*Transform", str(error)):
             raise InputError(
                 f"{path}: 3D Slicer has saved this transform as the inverse of one (a modelling "
@@ -163,17 +173,84 @@ def _read_transform(path: Path):
         raise InputError(f"cannot read the transform {path}: {last_line(error)}") from None
 
 
-def _mapped(transform, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return T(points) (n, d), and whether every part of T has data there (n,).
+_TRIAL = """
+import SimpleITK as sitk
+t = sitk.ReadTransform(sys.argv[1])
+t.TransformPoint((0.0,) * t.GetDimension())
+print("read", flush=True)
+"""
+
+
+def _try_elsewhere(path: Path) -> None:
+    """Read an HDF5 file in another process first: a damaged one can end the process that reads it.
+
+    Where no other Python with SimpleITK is found, as in some hosts, the file is trusted.
+    """
+    python = next(iter(candidate_interpreters()), None)
+    if python is None:
+        return
+    try:
+        done = subprocess.run(
+            [python, "-c", CLEAN_PATH + _TRIAL, str(path.resolve())],
+            env=worker_environment(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=120,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        raise _damaged(path) from None
+    if done.returncode < 0 or done.returncode > 128 or b"infinite loop" in done.stderr:
+        raise _damaged(path)
+
+
+def _check_transform_text(path: Path, content: bytes) -> None:
+    """Refuse a text file whose numbers are not as many as its grids need; ITK does not look."""
+    parts = re.split(rb"^#Transform.*$", content, flags=re.M)[1:]
+    for part in parts:
+        lines = dict(
+            re.findall(rb"^(Transform|Parameters|FixedParameters):[ \t]*(.*)$", part, re.M)
+        )
+        name = lines.get(b"Transform", b"")
+        gridded = re.match(rb"(DisplacementField|BSpline)\w*?_(?:double|float)_(\d)", name)
+        if not gridded:
+            continue
+        try:
+            numbers, fixed = (
+                np.array(lines[key].split(), float) for key in (b"Parameters", b"FixedParameters")
+            )
+        except (KeyError, ValueError):
+            raise _damaged(path) from None
+        _check_counts(path, len(numbers), fixed, int(gridded.group(2)))
+
+
+def _check_counts(path, count: int, fixed: np.ndarray, dimension: int) -> None:
+    """Refuse a grid whose parameters are not as many as its places times the dimension."""
+    if len(fixed) != 3 * dimension + dimension**2 or not np.isfinite(fixed).all():
+        raise _damaged(path)
+    turn = fixed[3 * dimension :].reshape(dimension, dimension)
+    spacing = fixed[2 * dimension : 3 * dimension]
+    if count != np.prod(fixed[:dimension]) * dimension or (spacing <= 0).any():
+        raise _damaged(path)
+    if abs(np.linalg.det(turn)) < 1e-6:
+        raise _damaged(path)
+
+
+def _damaged(path) -> InputError:
+    return InputError(
+        f"{path}: the transform is damaged or incomplete (its numbers do not fit its grid); save "
+        "it again"
+    )
+
+
+def _mapped(parts, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return T(points) (n, d), and whether every part (transform, grid) has data there (n,).
 
     A part with a grid is evaluated at the nearest place of the grid, and its displacement there is
     taken: ITK itself gives no displacement beyond a grid.
     """
-    parts = _parts(transform)
     there, inside = points, np.ones(len(points), bool)
-    for part in parts:
+    for part, grid in parts:
         at = there
-        grid = _grid(part)
         if grid is not None:
             origin, axes, low, high = grid
             index = (there - origin) @ np.linalg.inv(axes).T
@@ -195,7 +272,7 @@ def _parts(transform) -> list:
     return [part for n in numbers for part in _parts(transform.GetNthTransform(n))]
 
 
-def _grid(transform):
+def _grid(transform, path):
     """Return where a transform has data: origin, axes, lowest and highest index; None: everywhere.
 
     Of a displacement field the outer edges of its voxels, of a B-spline its domain.
@@ -203,6 +280,7 @@ def _grid(transform):
     dimension, name = transform.GetDimension(), transform.GetName()
     if name == "DisplacementFieldTransform":
         fixed = np.array(transform.GetFixedParameters())
+        _check_counts(path, transform.GetNumberOfParameters(), fixed, dimension)
         size, origin, spacing = fixed[: 3 * dimension].reshape(3, dimension)
         axes = fixed[3 * dimension :].reshape(dimension, dimension) * spacing
         return origin, axes, np.full(dimension, -0.5), size - 0.5
@@ -210,6 +288,10 @@ def _grid(transform):
         origin = np.array(transform.GetTransformDomainOrigin())
         turn = np.reshape(transform.GetTransformDomainDirection(), (dimension, dimension))
         lengths = np.array(transform.GetTransformDomainPhysicalDimensions())
+        if not np.isfinite([*origin, *lengths]).all() or min(lengths) <= 0:
+            raise _damaged(path)
+        if abs(np.linalg.det(turn)) < 1e-6:
+            raise _damaged(path)
         return origin, turn * lengths, np.zeros(dimension), np.ones(dimension)
     return None
 

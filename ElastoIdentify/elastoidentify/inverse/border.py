@@ -1,0 +1,492 @@
+"""What users give to the identification, checked and brought into the form of the numerics.
+
+Every function returns arrays that can be used or raises InputError with one line: what, where, how
+to mend it. What can be mended without a guess is mended and said.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..errors import InputError
+from ..fem import soundness
+from ..fem.elastic_constants import check_material
+from ..fem.elements import CELL_TYPES
+from ..fem.mesh import Mesh, plane_frame
+
+NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
+SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
+SKEW = 1e-6  # of a tensor's size: what rounding leaves of asymmetry, or below zero
+NOT_SMOOTH, ROUGH = 0.05, 0.5  # of what the same displacements in random order jump along edges
+SMOOTHER = 0.3  # in the reverse order: then it is hardly by chance
+FEW_NODES = 20
+SMALL_PUSH = 1e-4  # of the mesh's size
+
+
+def numbers(values, what: str) -> np.ndarray:
+    """Return values as a float array; refuse what would lose its meaning on the way."""
+    masked = int(np.ma.count_masked(values)) if np.ma.isMaskedArray(values) else 0
+    if masked:
+        raise InputError(
+            f"{what}: {masked} values are masked, and every value is needed: fill them, or leave "
+            "out what they belong to"
+        )
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind == "c" and (array.imag == 0).all():
+            array = array.real
+        if array.dtype.kind == "O":
+            array = array.astype(float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: this is no array of numbers ({error})") from error
+    if array.dtype.kind not in "fiub":
+        kind = "complex numbers" if array.dtype.kind == "c" else f"of type {array.dtype}"
+        raise InputError(f"{what}: real numbers are needed, these are {kind}")
+    return array.astype(float)
+
+
+def whole_numbers(values, what: str, near: float = 0.0) -> np.ndarray:
+    """Return values as int; refuse those that are further than `near` from a whole number."""
+    array = numbers(values, what)
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.abs(array - np.rint(array)) <= near) | ~(np.abs(array) < 2**53)
+    if bad.any():
+        first = np.argwhere(bad)[0]
+        raise InputError(
+            f"{what}: whole numbers are needed, {np.count_nonzero(bad)} of {array.size} are none, "
+            f"the first is {array[tuple(first)]:g} at {', '.join(map(str, first))}"
+        )
+    return np.rint(array).astype(int)
+
+
+# ---- the mesh
+
+
+class Frame:
+    """The mesh in its own dimension, and the way of nodal values into it and back.
+
+    The mesh has the nodes that belong to cells, each place once; what is given and what is returned
+    has all nodes in the order given.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    n_given : int
+        Number of the nodes given.
+    nodes : (n_nodes,) int
+        The mesh's nodes among those given.
+    ends : (e, 2) int
+        Nodes given that are neighbours in a cell.
+    notes : list of str
+    """
+
+    def __init__(self, points, cells):
+        points = numbers(points, "points")
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise InputError(f"points must have shape (n, 2) or (n, 3), these have {points.shape}")
+        self._blocks, dim = _blocks(points, cells)
+        self.n_given, self.world_dim = points.shape
+        self.axes, self.notes = None, []
+        used = _used(self._blocks)
+        bad = used[~np.isfinite(points[used]).all(axis=1)]
+        if len(bad):
+            raise InputError(
+                f"the position of node {bad[0]} is not a finite number: repair the mesh"
+            )
+        if self.world_dim == 3 and dim == 2:
+            origin, self.axes = plane_frame(points[used])
+            points = (points - origin) @ self.axes
+            if _turn_clockwise(points, self._blocks):
+                self.axes = self.axes * [-1, 1]
+                points = points * [-1, 1]
+        self._points, self._first = points, np.arange(self.n_given)
+        self.ends = soundness.edges(self._nodes_by_kind())
+        self._make_mesh()
+
+    def _make_mesh(self):
+        self.nodes = _used(self._blocks)
+        self.mesh = Mesh(
+            self._points[self.nodes],
+            [(kind, np.searchsorted(self.nodes, nodes), ids) for kind, nodes, ids in self._blocks],
+        )
+
+    def _nodes_by_kind(self):
+        return [(kind, nodes) for kind, nodes, _ in self._blocks]
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box around the mesh."""
+        return float(np.linalg.norm(np.ptp(self.mesh.points, axis=0)))
+
+    def close_seams(self, vectors: np.ndarray) -> None:
+        """Let nodes at one place be one where they move as one; vectors (t, n_given, c)."""
+        first = soundness.coincident(self._points, self._nodes_by_kind())
+        n_doubled = np.count_nonzero(first != np.arange(len(first)))
+        if not n_doubled:
+            return
+        used = vectors[:, self.nodes]
+        apart = np.abs(used - vectors[:, first[self.nodes]]).max(axis=(1, 2), initial=0.0)
+        if (apart > SAME * np.abs(used).max(axis=(1, 2), initial=0.0)).any():
+            self.notes.append(
+                f"{n_doubled} nodes lie at the place of another and move differently: the cells on "
+                "the two sides are not connected there"
+            )
+            return
+        self.notes.append(
+            f"{n_doubled} nodes were stored twice at one place (a seam) and count as one"
+        )
+        self._first = first
+        self._blocks = [(kind, first[nodes], ids) for kind, nodes, ids in self._blocks]
+        self._make_mesh()
+
+    def anywhere(self, marked: np.ndarray) -> np.ndarray:
+        """Tell for the mesh's nodes whether one of the nodes given there is marked. (n_nodes,)"""
+        found = np.zeros(self.n_given, bool)
+        np.logical_or.at(found, self._first, marked)
+        return found[self.nodes]
+
+    def to_plane(self, vectors):
+        """Displacements (t, n, 2 or 3) in the mesh's dimension; out of plane is dropped, noted."""
+        if vectors.shape[-1] == self.mesh.dim:
+            return vectors
+        if self.axes is None:
+            if vectors.shape[-1] != 3 or self.mesh.dim != 2:
+                raise InputError(
+                    f"displacements have {vectors.shape[-1]} components, the mesh has "
+                    f"{self.mesh.dim} dimensions"
+                )
+            axes = np.eye(3)[:, :2]
+        else:
+            axes = self.axes
+        inside = vectors @ axes
+        out = vectors - inside @ axes.T
+        size = np.abs(out).max(initial=0.0)
+        if size > 1e-9 * np.abs(vectors).max(initial=0.0):
+            self.notes.append(
+                f"displacements out of the mesh's plane (up to {size:.3g}) were dropped: "
+                "a planar mesh knows in-plane motion only"
+            )
+        return inside
+
+    def tensors_to_plane(self, tensors):
+        """Information matrices (t, n, 3, 3) → (t, n, d, d), out-of-plane motion left free."""
+        if tensors.shape[-1] == self.mesh.dim:
+            return tensors
+        axes = np.eye(3)[:, :2] if self.axes is None else self.axes
+        return np.einsum("ia,tnij,jb->tnab", axes, tensors, axes)
+
+    def to_world(self, vectors):
+        """Vectors (t, n_nodes, d) at all nodes given, in the dimension of the points given.
+
+        Nodes that belong to no cell get zero.
+        """
+        everywhere = np.zeros((len(vectors), self.n_given, vectors.shape[-1]))
+        everywhere[:, self.nodes] = vectors
+        everywhere = everywhere[:, self._first]
+        return everywhere if self.axes is None else everywhere @ self.axes.T
+
+
+def _used(blocks):
+    return np.unique(np.concatenate([nodes.ravel() for _, nodes, _ in blocks]))
+
+
+def _blocks(points, cells):
+    """Blocks (kind, nodes, ids) and their dimension, from either form of `cells`."""
+    if not (isinstance(cells, (list, tuple)) and len(cells) and isinstance(cells[0][0], str)):
+        cells = whole_numbers(cells, "cells")
+        kinds = {3: "triangle", 8: "hexahedron", 4: "quad" if points.shape[1] == 2 else "tetra"}
+        if cells.ndim != 2 or cells.shape[1] not in kinds:
+            raise InputError(
+                f"cells of shape {cells.shape}: give (n, 3), (n, 4) or (n, 8), or a list of "
+                "(kind, array)"
+            )
+        cells = [(kinds[cells.shape[1]], cells)]
+    blocks, start, dims = [], 0, set()
+    for kind, nodes in cells:
+        choice("cell kind", kind, CELL_TYPES)
+        nodes = whole_numbers(nodes, f"{kind} cells")
+        if nodes.size == 0:
+            continue
+        if nodes.ndim != 2 or nodes.shape[1] != CELL_TYPES[kind].n_nodes:
+            raise InputError(
+                f"{kind} cells of shape {nodes.shape}: expected (n, {CELL_TYPES[kind].n_nodes})"
+            )
+        if nodes.min() < 0 or nodes.max() >= len(points):
+            raise InputError(
+                f"{kind} cells refer to nodes {nodes.min()}…{nodes.max()}, but the mesh has "
+                f"{len(points)} nodes (counted from 0)"
+            )
+        blocks.append((kind, nodes, start + np.arange(len(nodes))))
+        start += len(nodes)
+        dims.add(CELL_TYPES[kind].dim)
+    if not start:
+        raise InputError(
+            "the mesh has no cells: give triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
+    if len(dims) > 1:
+        raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
+    if dims == {3} and points.shape[1] == 2:
+        raise InputError("solid cells need points of three coordinates, these have two")
+    return blocks, dims.pop()
+
+
+def _turn_clockwise(points, blocks):
+    """Tell whether most planar cells turn clockwise in the frame chosen."""
+    area = 0.0
+    for _, nodes, _ in blocks:
+        x = points[nodes]
+        y = np.roll(x, -1, axis=1)
+        area += np.sign((x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]).sum(axis=1)).sum()
+    return area < 0
+
+
+# ---- choices, materials, reaction nodes
+
+
+def choice(what: str, value, options) -> None:
+    """Refuse a value that is none of the options."""
+    if value not in options:
+        raise InputError(f"{what} {value!r} is unknown: choose one of {', '.join(options)}")
+
+
+def cell_labels(labels, n_cells: int) -> np.ndarray | None:
+    """Return the label of each cell, (n_cells,) int."""
+    if labels is None:
+        return None
+    labels = whole_numbers(labels, "labels", NEAR_WHOLE)
+    if labels.shape != (n_cells,):
+        raise InputError(f"labels: {labels.shape} values for {n_cells} cells")
+    return labels
+
+
+def known_materials(known, labels, n_cells: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return E and ν of each cell, (n_cells,), NaN where they are not known."""
+    if isinstance(known, Mapping):
+        return _known_by_label(known, labels, n_cells)
+    shape = np.shape(known)
+    if shape != (n_cells, 2):
+        raise InputError(
+            f"known materials: shape {shape}, expected ({n_cells}, 2) for E, ν of each cell, or a "
+            "mapping {label: (E, ν)}"
+        )
+    if np.ma.isMaskedArray(known):
+        known = known.filled(np.nan)  # masked: not known
+    known = numbers(known, "known materials")
+    young, poisson = known.T
+    half = np.flatnonzero(np.isnan(young) != np.isnan(poisson))
+    if len(half):
+        missing = "Young's modulus" if np.isnan(young[half[0]]) else "Poisson's ratio"
+        raise InputError(
+            f"{len(half)} known cell(s), the first is cell {half[0]}, have no {missing}: give both "
+            "constants of a known cell, and NaN for both where it is not known"
+        )
+    good = np.isfinite(young) & (young > 0) & (poisson > -1) & (poisson < 0.5)
+    bad = np.flatnonzero(~np.isnan(young) & ~good)
+    if len(bad):
+        check_material(*known[bad[0]], f"known cell {bad[0]}")
+    return young, poisson
+
+
+def _known_by_label(known, labels, n_cells):
+    young, poisson = np.full(n_cells, np.nan), np.full(n_cells, np.nan)
+    if known and labels is None:
+        raise InputError("known materials are given by label, but the cells have no labels")
+    for label, material in known.items():
+        try:
+            E, nu = (float(value) for value in material)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"known label {label} is given as {material!r}: give the two numbers (Young's "
+                "modulus, Poisson's ratio)"
+            ) from None
+        E, nu = check_material(E, nu, f"known label {label}")
+        here = labels == label
+        if not here.any():
+            raise InputError(
+                f"known label {label} does not occur in the mesh, its labels are "
+                f"{', '.join(str(v) for v in np.unique(labels)[:20])}"
+            )
+        young[here], poisson[here] = E, nu
+    return young, poisson
+
+
+def reaction_nodes(given, n_nodes: int) -> np.ndarray:
+    """Return where an outside body may push, (n_nodes,) bool; nowhere if nothing is given."""
+    if given is None:
+        return np.zeros(n_nodes, bool)
+    values = numbers(given, "reaction nodes")
+    if values.shape != (n_nodes,):
+        raise InputError(
+            f"reaction nodes: {values.shape} values for {n_nodes} nodes: give one number per node, "
+            "1 where an outside body may push and 0 elsewhere"
+        )
+    missing = np.flatnonzero(np.isnan(values))
+    if len(missing):
+        raise InputError(
+            f"reaction nodes: {len(missing)} of {n_nodes} values are NaN, the first is that of "
+            f"node {missing[0]}: give 1 where an outside body may push and 0 elsewhere"
+        )
+    return values != 0
+
+
+# ---- what was measured
+
+
+def information(frame: Frame, given, n_trials: int) -> np.ndarray | None:
+    """Return inverse covariances (n_trials, n_nodes, d, d) in the mesh's dimension."""
+    if given is None:
+        return None
+    metric = numbers(given, "the displacement information")
+    if metric.ndim != 4 or metric.shape[:2] != (n_trials, frame.n_given):
+        raise InputError(
+            f"information must have shape (trials, nodes, d, d), this has {metric.shape}"
+        )
+    if metric.shape[2:] not in {(frame.mesh.dim,) * 2, (frame.world_dim,) * 2, (3, 3)}:
+        raise InputError(
+            f"information of {metric.shape[2]}×{metric.shape[3]} components per node for a mesh of "
+            f"{frame.mesh.dim} dimensions"
+        )
+    metric, nodes = metric[:, frame.nodes], frame.nodes
+    _refuse_where(
+        nodes, ~np.isfinite(metric).all(axis=(2, 3)), "has values that are not finite numbers"
+    )
+    size = np.abs(metric).max(axis=(2, 3))
+    skew = np.abs(metric - np.swapaxes(metric, 2, 3)).max(axis=(2, 3))
+    _refuse_where(nodes, skew > SKEW * size, "is not symmetric", "it is an inverse covariance")
+    lowest = np.linalg.eigvalsh(metric)[..., 0]
+    _refuse_where(
+        nodes, lowest < -SKEW * size, "is negative in some direction", "it is an inverse covariance"
+    )
+    return frame.tensors_to_plane(metric)
+
+
+def _refuse_where(nodes, bad, what, why="zero means that nothing is known"):
+    """Raise an InputError that names the first trial and node where bad (t, n) is true."""
+    if bad.any():
+        trial, node = np.argwhere(bad)[0]
+        raise InputError(
+            f"the displacement information {what} at {np.count_nonzero(bad)} nodes, the first is "
+            f"node {nodes[node]} of trial {trial + 1}: {why}"
+        )
+
+
+def lost_trials(frame: Frame, metric: np.ndarray | None, n_trials: int) -> np.ndarray:
+    """Tell which trials say nothing: not one displacement is known to the size of the mesh. (t,)"""
+    if metric is None:
+        return np.zeros(n_trials, bool)
+    largest = np.linalg.eigvalsh(metric)[..., -1].max(axis=1, initial=0.0)
+    lost = ~(largest * frame.size**2 > 1)
+    if lost.all() and not (largest > 0).any():
+        raise InputError(
+            "the displacement information is zero everywhere: the rest image has no texture, or "
+            "every registration failed"
+        )
+    if lost.all():
+        raise InputError(
+            f"the displacement information knows no displacement better than to "
+            f"±{largest.max() ** -0.5:.3g}, and the mesh measures {frame.size:.3g}: give inverse "
+            "covariances, 1/length², in the unit of the points"
+        )
+    if lost.any():
+        names = ", ".join(str(t + 1) for t in np.flatnonzero(lost))
+        rest = ", ".join(str(t + 1) for t in np.flatnonzero(~lost))
+        one = lost.sum() == 1
+        frame.notes.append(
+            f"trial{'' if one else 's'} {names} {'has' if one else 'have'} no information (a lost "
+            f"registration?) and {'was' if one else 'were'} left out: the map rests on trial"
+            f"{'' if (~lost).sum() == 1 else 's'} {rest}"
+        )
+    return lost
+
+
+def displacements(frame: Frame, given) -> np.ndarray:
+    """Return the displacements as given, (n_trials, n_nodes, 2 or 3)."""
+    u = numbers(given, "displacements")
+    if u.ndim == 2:
+        u = u[None]
+    if u.ndim != 3 or u.shape[1] != frame.n_given or len(u) == 0:
+        raise InputError(
+            f"displacements must have shape (trials, {frame.n_given} nodes, components), "
+            f"these have {u.shape}"
+        )
+    return u
+
+
+def check_displacements(frame: Frame, u: np.ndarray, trials: np.ndarray) -> None:
+    """Refuse trials of displacements (t, n_given, c) that cannot be; `trials` are their numbers."""
+    u = u[:, frame.nodes]
+    bad = np.argwhere(~np.isfinite(u).all(axis=2))
+    if len(bad):
+        raise InputError(
+            f"the displacement of trial {trials[bad[0, 0]]} is not a finite number at {len(bad)} "
+            f"node(s), the first is node {frame.nodes[bad[0, 1]]}: register again, or cut those "
+            "cells off"
+        )
+    still = np.flatnonzero(np.abs(u).max(axis=(1, 2)) == 0)
+    if len(still):
+        raise InputError(
+            f"trial {trials[still[0]]} has no displacement at all: is the rest image its pushed "
+            "image?"
+        )
+
+
+def order_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
+    """Return sentences on displacements (t, n_given, c) in another order than the nodes."""
+    notes = []
+    for v, trial in zip(u, trials, strict=True):
+        rough = soundness.roughness(v, frame.ends)
+        back = soundness.roughness(v[::-1], frame.ends)
+        if back < SMOOTHER * rough and rough > NOT_SMOOTH:
+            notes.append(
+                f"the displacements of trial {trial} would be much smoother in the reverse order "
+                "of the nodes: are they those of this mesh?"
+            )
+        elif rough > ROUGH and len(frame.nodes) > FEW_NODES:
+            notes.append(
+                f"the displacements of trial {trial} jump from node to node as if in another order "
+                "than the nodes: are they those of this mesh?"
+            )
+    return notes
+
+
+def motion_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
+    """Return sentences on displacements (t, n_nodes, d) that no body of this size has."""
+    notes = []
+    for v, trial in zip(u, trials, strict=True):
+        notes += _unit_notes(v, frame.size, trial)
+        folded = folded_cells(frame.mesh, v)
+        if len(folded):
+            notes.append(
+                f"the displacements of trial {trial} turn {len(folded)} of {frame.mesh.n_cells} "
+                f"cells inside out, the first is cell {folded[0]}: no body moves so; check the "
+                "registration there, or the order of the nodes"
+            )
+    return notes
+
+
+def _unit_notes(u, size, trial):
+    """Compare displacements (n, d) with the size of their mesh."""
+    spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
+    if SMALL_PUSH * size <= spread <= size or not spread:
+        return []
+    return [
+        f"the displacements of trial {trial} differ by {spread:.2g} on a mesh of size {size:.3g}: "
+        "are both in one unit of length?"
+    ]
+
+
+def folded_cells(mesh: Mesh, u: np.ndarray) -> np.ndarray:
+    """Return the cells that displacements (n, d) turn inside out."""
+    folded = [
+        block.ids[(np.linalg.det(np.eye(mesh.dim) + block.gradient(u)) <= 0).any(axis=1)]
+        for block in mesh.blocks
+    ]
+    return np.sort(np.concatenate(folded))
+
+
+def pieces_of(mesh: Mesh) -> tuple[int, np.ndarray]:
+    """Return how many parts of the mesh share no node, and each cell's part, (n_cells,)."""
+    count, part = soundness.pieces(mesh.n_nodes, [(b.cell.name, b.nodes) for b in mesh.blocks])
+    by_cell = np.empty(mesh.n_cells, int)
+    by_cell[np.concatenate([b.ids for b in mesh.blocks])] = part
+    return count, by_cell

@@ -1,0 +1,101 @@
+"""May this map be trusted? One sentence, from what the fit knows of itself."""
+
+import numpy as np
+
+NOISE_FACTOR = 1.6
+"""Found over stated noise from which the model is in doubt.
+
+Sound maps of image phantoms have 0.6 to 1.4, maps under a wrong assumption (slip, plane, ν, a cut
+border) 2.2 to 8.9.
+"""
+
+SAME_DIRECTION = 0.07
+"""Second singular value of unit trials below which they count as one: an angle of some 5°."""
+
+TRUST, CARE, DISTRUST = "trust", "trust with care", "do not trust"
+
+
+def judge(report: dict, informed: bool, one_direction: bool) -> dict:
+    """Return the verdict on a map.
+
+    Parameters
+    ----------
+    report : dict
+        Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
+        typical_error, warnings.
+    informed : bool
+        The displacements came with their information.
+    one_direction : bool
+        All pushes are proportional to each other.
+
+    Returns
+    -------
+    dict
+        ``level`` (one of "trust", "trust with care", "do not trust"), ``sentence`` for a
+        radiologist, ``reasons`` (list of sentences), ``noise_factor`` (found over stated noise, or
+        None where nothing was stated).
+    """
+    bad, doubtful = [], []
+    factor = noise_factor(report, informed)
+    if factor is not None and factor > NOISE_FACTOR:
+        bad.append(
+            f"the displacements miss the balance of forces by {factor:.2g} times what their stated "
+            "noise explains, so something that is assumed is not so: the pad may slip, the tissue "
+            "may move out of the imaged plane, Poisson's ratio may be wrong, or something may push "
+            "at a border; try unknowns 'lambda-mu', another plane, reaction nodes at that border"
+        )
+    cells = report["cells"]
+    unknown = sum(cells.values()) - cells["known"]
+    open_share = cells["not_determined"] / max(unknown, 1)
+    if open_share == 1:
+        bad.append("nothing could be determined")
+    elif open_share > 0.3:
+        doubtful.append(f"{open_share:.0%} of the unknown cells are not determined")
+    if cells["out_of_range"] > 0.02 * unknown:
+        bad.append(
+            f"{cells['out_of_range'] / unknown:.0%} of the cells came out with values that no "
+            "material has"
+        )
+    typical = report.get("typical_error")
+    if typical is not None and typical > 0.3:
+        bad.append(f"the typical error of a cell is {typical:.0%}: the map is mostly noise")
+    if one_direction and report["grouping"] == "cell":
+        doubtful.append(
+            "all pushes have one direction, which cannot tell a stiff cell from the path of the "
+            "force: read labels, not cells, or push from another side"
+        )
+    if any("gradients reach" in sentence for sentence in report["warnings"]):
+        doubtful.append("the push is too large for small-strain kinematics: take neo-hookean")
+    if any("was cut" in sentence for sentence in report["warnings"]):
+        doubtful.append("the mesh was cut")
+    if any("no weight" in sentence for sentence in report["warnings"]):
+        doubtful.append("a trial was left out")
+    return _said(bad, doubtful, factor)
+
+
+def noise_factor(report: dict, informed: bool) -> float | None:
+    """Return the noise found over the noise stated; None where nothing was stated."""
+    scale = report.get("noise_scale")
+    if report.get("noise_given"):
+        misfit = report.get("misfit")
+        return None if misfit is None else float(np.sqrt(misfit))
+    return scale if informed and scale is not None else None
+
+
+def one_direction(displacements: np.ndarray) -> bool:
+    """Tell whether the trials (t, n, d) are nearly proportional to each other, or only one."""
+    flat = displacements.reshape(len(displacements), -1)
+    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    return len(flat) < 2 or bool(np.linalg.svd(flat, compute_uv=False)[1] < SAME_DIRECTION)
+
+
+def _said(bad, doubtful, factor) -> dict:
+    level = DISTRUST if bad else CARE if doubtful else TRUST
+    start = {
+        TRUST: "Trust this map, each value within its stated error",
+        CARE: "Trust this map with care",
+        DISTRUST: "Do not trust this map",
+    }[level]
+    reasons = bad + doubtful
+    sentence = f"{start}: {'; '.join(reasons)}." if reasons else f"{start}."
+    return {"level": level, "sentence": sentence, "reasons": reasons, "noise_factor": factor}

@@ -1,0 +1,153 @@
+"""Volumes near incompressibility; truth from quadratic bricks on another mesh (cube.py)."""
+
+import elastoidentify as ei
+import numpy as np
+import pytest
+from cube import CONTRAST, PAD, inside, truth
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import box_mesh, solve_push
+from elastoidentify.linalg.factor import CHOICE, Factoriser, factorisation
+
+
+class Cube:
+    def __init__(self, kind="tetra", n=8, poisson=0.495, noise=0.02, seed=1):
+        self.points, cells = box_mesh((n,) * 3, (1.0,) * 3, kind)
+        self.cells, self.poisson = [(kind, cells)], poisson
+        u = truth(8, poisson).at(self.points)
+        self.noise = noise * np.abs(u).max()
+        self.u = u + self.noise * np.random.default_rng(seed).standard_normal(u.shape)
+        centre = self.points[cells].mean(axis=1)
+        self.known = centre[:, 2] > PAD
+        self.young = np.where(inside(centre, "box"), CONTRAST, 1.0)
+        self.labels = np.where(self.known, 3, np.where(self.young > 1, 2, 1))
+        self.ends = (self.points[:, 2] < 1e-9) | (self.points[:, 2] > 1 - 1e-9)
+
+    def identify(self, **settings):
+        return ei.identify(
+            self.points, self.cells, self.u,
+            np.where(self.known[:, None], [1.0, self.poisson], np.nan), labels=self.labels,
+            method="regularized", unknowns="young", poisson_ratio=self.poisson,
+            reaction_nodes=self.ends, **settings,
+        )  # fmt: skip
+
+    def medians(self, result):
+        tissue = (self.young == 1) & ~self.known
+        return np.median(result.young[self.young > 1]), np.median(result.young[tissue])
+
+
+def test_labels_in_tetrahedra_are_right_at_0_495_where_plain_cells_are_off_by_factors():
+    cube = Cube()
+    result = cube.identify(grouping="label")
+    inclusion, tissue = cube.medians(result)
+    locked, _ = cube.medians(cube.identify(grouping="label", element="linear"))
+    print(f"inclusion {inclusion:.2f}, tissue {tissue:.3f}; plain cells {locked:.1f}")
+    assert inclusion == pytest.approx(3, rel=0.08)
+    assert tissue == pytest.approx(1, rel=0.04)
+    assert locked > 6
+    assert result.report["noise_found"] == pytest.approx(cube.noise, rel=0.15)
+    error = np.abs(np.log(result.young / cube.young))[~cube.known]
+    assert (error < 2 * (result.mu_std / result.mu)[~cube.known]).mean() > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron"])
+def test_a_map_per_cell_and_its_standard_deviations_hold_near_incompressibility(kind):
+    cube = Cube(kind)
+    result = cube.identify()
+    error = np.abs(result.young / cube.young - 1)[~cube.known]
+    within = np.abs(np.log(result.young / cube.young)) < 2 * result.mu_std / result.mu
+    print(
+        f"{cube.medians(result)}, mean error {error.mean():.3f}, {within[~cube.known].mean():.1%}"
+    )
+    assert error.mean() < 0.08  # 0.11: the flat guess
+    assert within[~cube.known].mean() > 0.9
+
+
+def test_the_same_volume_gives_the_same_map_whatever_makes_the_factors(monkeypatch):
+    cube = Cube(n=4)
+    first, second = cube.identify(), cube.identify()
+    np.testing.assert_array_equal(first.young, second.young)
+    np.testing.assert_array_equal(first.mu_std, second.mu_std)
+    monkeypatch.setattr(Factoriser, "__call__", _dense)
+    other = cube.identify()
+    unknown = ~cube.known
+    np.testing.assert_allclose(first.young[unknown], other.young[unknown], rtol=0.02)
+
+
+def _dense(self, matrix):
+    class Inverse:
+        def __init__(self):
+            self.inverse = np.linalg.inv(matrix.toarray())
+
+        def solve(self, right):
+            return self.inverse @ right
+
+    return Inverse()
+
+
+@pytest.mark.skipif(factorisation() != "pardiso", reason='PARDISO: pip install ".[fast]"')
+@pytest.mark.parametrize("definite", [True, False])
+def test_pardiso_solves_as_superlu_does(monkeypatch, definite):
+    import scipy.sparse as sp
+
+    n = 2000
+    A = sp.diags([4.0, -1.0, -1.0, 0.5, 0.5], [0, 1, -1, 40, -40], (n, n), format="csr")
+    if not definite:
+        signs = sp.diags(np.where(np.arange(n) % 3, 1.0, -1.0))
+        A = (A.multiply(0.05) + 4 * signs).tocsr()
+    places = np.column_stack([np.arange(n) % 40, np.arange(n) // 40]).astype(float)
+    right = np.random.default_rng(0).standard_normal((n, 3))
+    found = {}
+    for name in ("pardiso", "superlu"):
+        factoriser = Factoriser(places, definite)
+        factoriser.name = name
+        factors = factoriser(A)
+        assert factors.entries > 0
+        found[name] = factors.solve(right)
+        np.testing.assert_array_equal(factors.solve(right), found[name])
+        assert np.abs(A @ found[name] - right).max() < 1e-10
+        assert factors.solve(right[:, 0]).shape == (n,)
+    np.testing.assert_allclose(found["pardiso"], found["superlu"], atol=1e-10)
+
+
+def test_the_environment_can_ask_for_superlu(monkeypatch):
+    monkeypatch.setenv(CHOICE, "superlu")
+    factorisation.cache_clear()
+    assert Factoriser(np.zeros((10_000, 3))).name == "superlu"
+    factorisation.cache_clear()
+
+
+def test_a_singular_matrix_is_refused():
+    import scipy.sparse as sp
+
+    with pytest.raises(RuntimeError):
+        Factoriser(np.zeros((3, 1)))(sp.diags([1.0, np.nan, 1.0], format="csr"))
+
+
+@pytest.mark.parametrize("law", ["neo-hookean", "st-venant-kirchhoff"])
+def test_a_finite_push_of_the_same_cells_is_read_in_space(law):
+    points, cells = box_mesh((4, 4, 4), (1.0,) * 3, "hexahedron")
+    centre = points[cells].mean(axis=1)
+    stiff, pad = inside(centre, "box"), centre[:, 2] > PAD
+    moduli = lame_from_young(np.where(stiff, 3.0, 1.0), 0.4)
+    ends = (points[:, 2] == 0) | (points[:, 2] == 1)
+    moved = np.flatnonzero(ends)
+    on_top = points[moved, 2:] > 0.5
+    u = np.array([
+        solve_push(points, cells, *moduli, moved, on_top * np.array(push), kinematics=law)
+        for push in ((0, 0, -0.1), (0.06, 0, -0.07))
+    ])  # fmt: skip
+    u += 1e-4 * np.random.default_rng(0).standard_normal(u.shape)
+    known, noise = np.where(pad[:, None], [1.0, 0.4], np.nan), {}
+    for kinematics in (law, "small-strain"):
+        result = ei.identify(
+            points, cells, u, known, kinematics=kinematics, reaction_nodes=ends, grouping="label",
+            labels=np.where(pad, 3, np.where(stiff, 2, 1)), method="regularized",
+            unknowns="young", poisson_ratio=0.4, element="linear",
+        )  # fmt: skip
+        noise[kinematics] = result.report["noise_found"]
+        if kinematics == law:
+            assert np.median(result.young[stiff]) == pytest.approx(3, rel=0.02)
+            assert np.median(result.young[~stiff & ~pad]) == pytest.approx(1, rel=0.01)
+    assert noise[law] == pytest.approx(1e-4, rel=0.2)
+    assert noise["small-strain"] > 5 * noise[law]  # the wrong law does not fit, and it shows
