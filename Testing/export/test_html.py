@@ -107,11 +107,13 @@ def test_the_page_refers_to_nothing_outside_of_itself(tmp_path):
 
 
 def test_the_verdict_is_the_reports_own_or_how_much_was_found(tmp_path):
-    assert verdict(case(verdict="Can be read.")) == "Can be read."
-    assert verdict(case(verdict={"sentence": "Do not read."})) == "Do not read."
+    said = {"level": "do not trust", "sentence": "Not <b>!", "reasons": ["the pad slips"]}
+    assert verdict(case(verdict=said)) == "Not <b>!"
+    page = written(tmp_path, case(verdict=said))
+    assert page.count("Not &lt;b&gt;!") == 1 and '<p class="verdict bad">' in page
+    assert "<li>the pad slips</li>" in page
     assert verdict(case()) == "28 of 32 cells have a value (88 %)."
     assert verdict(case(), ["a", "b"]).endswith("(88 %); 2 warnings below.")
-    assert "Can be &lt;b&gt;" in written(tmp_path, case(verdict="Can be <b>"))
 
 
 def test_values_and_errors_end_at_the_same_digit():

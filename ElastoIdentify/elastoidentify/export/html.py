@@ -27,6 +27,8 @@ from .cell_map import CellMap
 
 SUFFIXES = (".html", ".htm")
 HEADER = ("label", "cells", "size", "found", "μ", "median μ", "spread of μ", "E", "ν", "μ ratio")
+MOODS = {"trust": "", "trust with care": "doubtful", "do not trust": "bad"}
+"""Level of a verdict → how its box is coloured."""
 NO_TABLE = "the result has no figures per label"
 
 STYLE = """
@@ -36,7 +38,8 @@ margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin-bottom:.2rem}
 h2{font-size:1.1rem;margin-top:2rem}
 .verdict{border-left:.4rem solid #0072b2;background:#f1f6fa;padding:.8rem 1rem;font-size:1.1rem}
-.verdict.warned{border-color:#d55e00;background:#fdf3ec}
+.verdict.doubtful{border-color:#e69f00;background:#fdf8ec}
+.verdict.bad{border-color:#d55e00;background:#fdf1ec}
 img{max-width:100%;height:auto}
 .wide{overflow-x:auto}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}
@@ -97,17 +100,21 @@ def page(result: CellMap, title: str, warnings: Sequence[str], picture: bytes = 
         PNG; none where empty.
     """
     made = result.provenance
+    said = result.report.get("verdict") or {}
+    mood = MOODS.get(said.get("level"), "doubtful" if warnings else "")
+    report = {key: value for key, value in result.report.items() if key != "verdict"}
     parts = [
         f"<h1>{_text(title)}</h1>",
         f'<p class="small">{_text(_made_by(made))}</p>',
-        f'<p class="verdict{" warned" * bool(warnings)}">{_text(verdict(result, warnings))}</p>',
+        f'<p class="{f"verdict {mood}".strip()}">{_text(verdict(result, warnings))}</p>',
+        _list(said.get("reasons", ())),
         _image(picture),
         "<h2>Figures per label</h2>",
         _table(result),
         f"<h2>Warnings ({len(warnings)})</h2>",
         _list(warnings) or "<p>None.</p>",
         "<h2>How it was found</h2>",
-        _list(report_lines(result.report, length=result.length_unit) if result.report else []),
+        _list(report_lines(report, length=result.length_unit) if report else []),
         "<h2>Where it comes from</h2>",
         "<details><summary>versions, inputs by their SHA-256, every option as used</summary>",
         _list(_provenance(made)),
@@ -127,10 +134,8 @@ def page(result: CellMap, title: str, warnings: Sequence[str], picture: bytes = 
 def verdict(result: CellMap, warnings: Sequence[str] = ()) -> str:
     """Return the sentence on top: the report's own verdict, else how much was found."""
     said = result.report.get("verdict")
-    if isinstance(said, dict):
-        said = said.get("sentence") or said.get("text")
     if said:
-        return str(said)
+        return said["sentence"]
     found, count = int(is_found(result.status).sum()), len(result.status)
     trouble = f"; {len(warnings)} warning{'s' * (len(warnings) > 1)} below" if warnings else ""
     return f"{found} of {count} cells have a value ({100 * found / count:.0f} %){trouble}."
