@@ -8,11 +8,13 @@ With s_i² the variance of the K_i repeats of subject i and m_i their mean,
 
 A change of one subject that is larger than RC is real with 95 % confidence. Sources: D. L. Raunig
 et al., Quantitative imaging biomarkers: a review of statistical methods for technical performance
-assessment, Stat. Methods Med. Res. 24 (2015) 27–67 (QIBA); J. M. Bland and D. G. Altman, Measurement
-error, BMJ 313 (1996) 744, and Statistical methods for assessing agreement, Lancet 327 (1986) 307.
+assessment, Stat. Methods Med. Res. 24 (2015) 27–67 (QIBA); J. M. Bland and D. G. Altman,
+Measurement error, BMJ 313 (1996) 744, and Statistical methods for assessing agreement, Lancet 327
+(1986) 307.
 """
 
 import csv
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -294,7 +296,7 @@ def _bland_altman(axes, one: Repeatability, repeats) -> None:
             pair
             for row in repeats
             for kept in [[value for value in row if np.isfinite(value)]]
-            for pair in zip(kept[:-1], kept[1:], strict=True)
+            for pair in itertools.pairwise(kept)
         ]
     )
     unit = f" ({one.unit})" if one.unit else ""
