@@ -16,6 +16,7 @@ from ..study import (
     ReportOptions,
     Study,
 )
+from . import exports
 from . import parser as options
 
 
@@ -361,6 +362,13 @@ def _check_result_outputs(arguments, inputs) -> None:
     )
     if arguments.picture is not None:
         import matplotlib  # noqa: F401  a missing extra is said now
+    exports.check(arguments, _rest_path(arguments), inputs, getattr(arguments, "unit", None))
+
+
+def _rest_path(arguments) -> str | None:
+    """Return the file of the image on whose grid maps are written."""
+    pushed = getattr(arguments, "pushed", None) or [None]
+    return getattr(arguments, "rest", None) or pushed[0]
 
 
 def _deliver(arguments, study, grid, rest) -> None:
@@ -386,6 +394,7 @@ def _deliver(arguments, study, grid, rest) -> None:
         text = json.dumps({about: read_report(grid, about) for about in REPORTS}, indent=1)
         write_whole(Path(arguments.report), lambda part: part.write_text(text, encoding="utf-8"))
         print(f"wrote {arguments.report}")
+    exports.deliver(arguments, grid, rest, _rest_path(arguments))
 
 
 def _write_mesh(path: str, grid) -> None:
