@@ -87,6 +87,47 @@ def test_a_missing_slice_is_named(tmp_path, plane, gone):
         read_image(tmp_path)
 
 
+def test_the_gap_between_three_slices_is_found(tmp_path):
+    write_series(tmp_path, volume(), step=3.0, edit=lambda k, data: k in (0, 1, 3))
+    with pytest.raises(InputError, match="3 mm as a rule, 6 mm between slices 2 and 3; 1 slice"):
+        read_image(tmp_path)
+
+
+def test_every_second_slice_missing_is_noted_where_the_files_say_their_distance(tmp_path):
+    def edit(k, data):
+        data.SpacingBetweenSlices = "1.5"
+        return k % 2 == 0
+
+    write_series(tmp_path, volume(), step=1.5, edit=edit)
+    image = read_image(tmp_path)
+    assert np.isclose(image.spacing[2], 3) and "every second one" in image.notes[-1]
+
+
+def test_files_without_preamble_are_dicom_too(tmp_path):
+    from pydicom import dcmread
+
+    values = volume()
+    positions = write_series(tmp_path / "whole", values)
+    (tmp_path / "bare").mkdir()
+    for file in (tmp_path / "whole").iterdir():
+        data = dcmread(file)
+        del data.file_meta
+        data.save_as(tmp_path / "bare" / file.stem, implicit_vr=True, little_endian=True)
+    assert_grid(read_image(tmp_path / "bare"), values, positions, AXIAL)
+
+
+def test_series_of_one_number_are_chosen_by_their_uid(tmp_path):
+    for k, values in enumerate((volume(), volume() + 1000)):
+        write_series(tmp_path, values, number=3, order=range(10 * k, 10 * k + 6))
+    from pydicom import dcmread
+
+    uid = dcmread(tmp_path / "010.dcm").SeriesInstanceUID
+    with pytest.raises(InputError, match=f"2 DICOM series.*{uid[-8:]}"):
+        read_image(tmp_path)
+    for chosen in (uid, uid[-8:], f"…{uid[-8:]}"):
+        assert np.array_equal(read_image(tmp_path, series=chosen).array, volume() + 1000)
+
+
 def test_a_slice_missing_at_an_end_is_noted_where_the_series_counts(tmp_path):
     def edit(k, data):
         data.ImagesInAcquisition = 6

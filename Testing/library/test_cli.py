@@ -343,7 +343,7 @@ def write_colours(path, grey):
         ({"--pushed": "nan.nrrd"}, "3 voxels that are not numbers"),
         ({"--pushed": "colours.nrrd"}, "convert it to one grey value"),
         ({"--segmentation": "block.nrrd"}, "mesh the segmentation of that same slice"),
-        ({"--segmentation": "block.nrrd", "--rest": "thin.nrrd"}, "too few to register"),
+        ({"--segmentation": "block.nrrd", "--rest": "thin.nrrd"}, "lie in the rest image"),
         ({"--segmentation": "rest.nrrd"}, "whole numbers"),
         ({"--segmentation": "smaller.nrrd"}, "whole numbers"),
         ({"--edge-length": "-1"}, "--edge-length"),

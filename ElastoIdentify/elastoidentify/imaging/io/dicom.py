@@ -71,8 +71,8 @@ def is_dicom(path: Path) -> bool:
         start = stream.read(132)
     if start[128:132] == b"DICM":
         return True
-    # without preamble: the first element is of group 2 or 8 and has a short length
-    return start[:2] in (b"\x02\x00", b"\x08\x00") and start[2:4] in (b"\0\0", b"\5\0", b"\x08\0")
+    # without preamble: the first element is of group 2 or 8
+    return start[:2] in (b"\x02\x00", b"\x08\x00") and start[3:4] == b"\0" and len(start) == 132
 
 
 def files_of(path: Path) -> list[Path]:
