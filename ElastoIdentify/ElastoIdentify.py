@@ -10,7 +10,9 @@ import numpy as np
 import qt
 import slicer
 import vtk
+from elastoidentify.results import QUANTITIES
 from slicer import (
+    vtkMRMLMarkupsROINode,
     vtkMRMLModelNode,
     vtkMRMLScalarVolumeNode,
     vtkMRMLSegmentationNode,
@@ -18,7 +20,7 @@ from slicer import (
 )
 from slicer.i18n import tr as _
 from slicer.i18n import translate
-from slicer.parameterNodeWrapper import Choice, WithinRange, parameterNodeWrapper
+from slicer.parameterNodeWrapper import Choice, parameterNodeWrapper
 from slicer.ScriptedLoadableModule import (
     ScriptedLoadableModule,
     ScriptedLoadableModuleLogic,
@@ -87,40 +89,49 @@ def _tell(fraction, text):
     slicer.app.processEvents(qt.QEventLoop.ExcludeUserInputEvents)
 
 
-@parameterNodeWrapper
-class ElastoIdentifyParameterNode:
-    """The choices of the panel; stored in the scene. Meanings: ElastoIdentifyLib.request.Request.
+def _parameterNode():
+    """Return the class of the panel's choices, which are stored in the scene.
 
-    materials is JSON by segment id, see ElastoIdentifyLib.request.materials_to_text.
+    What belongs to nodes of the scene is declared here, every option of the library by its own
+    table of options. Meanings: ElastoIdentifyLib.request.Request; materials is JSON by segment id.
     """
+    from ElastoIdentifyLib import parameters
 
-    restVolume: vtkMRMLScalarVolumeNode
-    pushedVolumes: list[vtkMRMLScalarVolumeNode]
-    useTransforms: bool = False
-    transforms: list[vtkMRMLTransformNode]
-    transformsToRest: bool = False
-    segmentation: vtkMRMLSegmentationNode
-    materials: str = "{}"
-    unit: Annotated[str, Choice(["kPa", "Pa", "MPa"])] = "kPa"
-    edgeLength: Annotated[float, WithinRange(0.01, 1000.0)] = 5.0
-    wholeVolume: bool = False
-    sliceAxis: Annotated[str, Choice(["i", "j", "k"])] = "k"
-    sliceIndex: Annotated[int, WithinRange(-1, 100000)] = -1
-    method: Annotated[str, Choice(["auto", "sequential", "global", "regularized"])] = "auto"
-    unknowns: Annotated[str, Choice(["young", "lambda-mu"])] = "young"
-    poissonRatio: Annotated[float, WithinRange(0.0, 0.499)] = 0.45
-    grouping: Annotated[str, Choice(["cell", "label"])] = "cell"
-    kinematics: Annotated[str, Choice(["small-strain", "st-venant-kirchhoff", "neo-hookean"])] = (
-        "small-strain"
-    )
-    plane: Annotated[str, Choice(["strain", "stress"])] = "strain"
-    noise: Annotated[float, WithinRange(0.0, 100.0)] = 0.0
-    resultName: str = "Stiffness"
-    resultModel: vtkMRMLModelNode
-    replacePrevious: bool = True
-    show: Annotated[
-        str, Choice(["Mu", "Lambda", "YoungModulus", "PoissonRatio", "MuStd", "LambdaStd"])
-    ] = "Mu"
+    fields = {
+        "restVolume": vtkMRMLScalarVolumeNode,
+        "pushedVolumes": list[vtkMRMLScalarVolumeNode],
+        "maskVolume": vtkMRMLScalarVolumeNode,
+        "useTransforms": bool,
+        "transforms": list[vtkMRMLTransformNode],
+        "transformsToRest": bool,
+        "segmentation": vtkMRMLSegmentationNode,
+        "materials": str,
+        "reactionRois": list[vtkMRMLMarkupsROINode],
+        "wholeVolume": bool,
+        "sliceAxis": Annotated[str, Choice(["i", "j", "k"])],
+        "resultName": str,
+        "resultModel": vtkMRMLModelNode,
+        "replacePrevious": bool,
+        "show": Annotated[str, Choice(list(QUANTITIES))],
+    }
+    defaults = {
+        "useTransforms": False,
+        "transformsToRest": False,
+        "materials": "{}",
+        "wholeVolume": False,
+        "sliceAxis": "k",
+        "resultName": "Stiffness",
+        "replacePrevious": True,
+        "show": "Mu",
+    }
+    fields |= parameters.annotations(defaults)
+    # The library takes any word; a box of choices in the panel needs some, or Slicer connects none.
+    fields["unit"], defaults["unit"] = Annotated[str, Choice(["kPa", "Pa", "MPa"])], "kPa"
+    about = {"__doc__": _parameterNode.__doc__, "__module__": __name__, "__annotations__": fields}
+    return parameterNodeWrapper(type("ElastoIdentifyParameterNode", (), {**about, **defaults}))
+
+
+ElastoIdentifyParameterNode = _parameterNode()
 
 
 class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
@@ -144,6 +155,9 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         panel = slicer.util.loadUI(self.resourcePath("UI/ElastoIdentify.ui"))
         self.layout.addWidget(panel)
         self.ui = slicer.util.childWidgetVariables(panel)
+        from ElastoIdentifyLib.parameters import add_widgets
+
+        vars(self.ui).update(add_widgets(self.ui.advancedSection.layout(), self.ui, _))
         panel.setMRMLScene(slicer.mrmlScene)
         self.logic = ElastoIdentifyLogic()
         self.timer = qt.QTimer()
@@ -161,6 +175,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
         self.ui.pushedSelector.connect("checkedNodesChanged()", self.onListsChanged)
         self.ui.transformsSelector.connect("checkedNodesChanged()", self.onListsChanged)
+        self.ui.reactionRoisSelector.connect("checkedNodesChanged()", self.onListsChanged)
         self.ui.materialsTable.connect("cellChanged(int,int)", self.onMaterialEdited)
         self.initializeParameterNode()
 
@@ -220,6 +235,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         try:
             self._checkNodes(self.ui.pushedSelector, self._parameterNode.pushedVolumes)
             self._checkNodes(self.ui.transformsSelector, self._parameterNode.transforms)
+            self._checkNodes(self.ui.reactionRoisSelector, self._parameterNode.reactionRois)
             self._observeSegmentation()
             self._fillMaterials()
             useTransforms = self._parameterNode.useTransforms
@@ -253,6 +269,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         wasModified = self._parameterNode.StartModify()
         self._parameterNode.pushedVolumes = list(self.ui.pushedSelector.checkedNodes())
         self._parameterNode.transforms = list(self.ui.transformsSelector.checkedNodes())
+        self._parameterNode.reactionRois = list(self.ui.reactionRoisSelector.checkedNodes())
         self._parameterNode.EndModify(wasModified)
 
     def _observeSegmentation(self):
@@ -470,19 +487,13 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     @staticmethod
     def request(parameterNode):
         """Return what the parameter node asks for."""
+        from ElastoIdentifyLib.parameters import chosen
         from ElastoIdentifyLib.request import Request, materials_from_text
 
-        options = {
-            "method": parameterNode.method,
-            "kinematics": parameterNode.kinematics,
-            "plane": parameterNode.plane,
-            "unknowns": parameterNode.unknowns,
-            "grouping": parameterNode.grouping,
-        }
-        if parameterNode.unknowns == "young":
-            options["poisson_ratio"] = parameterNode.poissonRatio
-        if parameterNode.noise > 0:
-            options["noise"] = parameterNode.noise
+        options = chosen(parameterNode)
+        edgeLength, sliceIndex, unit = (
+            options.pop(name) for name in ("edge_length", "slice_index", "unit")
+        )
         useTransforms = parameterNode.useTransforms
         return Request(
             restVolume=parameterNode.restVolume,
@@ -491,12 +502,14 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
             pushedVolumes=[] if useTransforms else _present(parameterNode.pushedVolumes),
             transforms=_present(parameterNode.transforms) if useTransforms else [],
             transformsToRest=parameterNode.transformsToRest,
-            edgeLength=parameterNode.edgeLength,
+            maskVolume=None if useTransforms else parameterNode.maskVolume,
+            reactionRois=_present(parameterNode.reactionRois),
+            edgeLength=edgeLength,
             wholeVolume=parameterNode.wholeVolume,
             sliceAxis="ijk".index(parameterNode.sliceAxis),
-            sliceIndex=parameterNode.sliceIndex,
+            sliceIndex=sliceIndex,
             options=options,
-            unit=parameterNode.unit,
+            unit=unit,
         )
 
     @staticmethod
@@ -579,22 +592,23 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     @staticmethod
     def report(result):
         """Say in a few sentences what was found, and how far to trust it."""
-        import json
+        from elastoidentify.results import Status
+        from elastoidentify.vtk_io.arrays import read_report
 
-        text = result.model.GetMesh().GetFieldData().GetAbstractArray("IdentificationReport")
-        report = json.loads(text.GetValue(0))
+        report = read_report(result.model.GetMesh(), "identification")
         status = slicer.util.arrayFromModelCellData(result.model, "Status")
         sentences = [
+            _(report["verdict"]["sentence"]),
             _(
                 "{found} of {cells} cells identified, {open} not determined (method {method})."
             ).format(
-                found=int((status == 2).sum()),
-                cells=int((status != 1).sum()),
-                open=int((status == 0).sum()),
+                found=int((status == Status.IDENTIFIED).sum()),
+                cells=int((status != Status.KNOWN).sum()),
+                open=int((status == Status.NOT_DETERMINED).sum()),
                 method=report.get("method", "?"),
-            )
+            ),
         ]
-        return " ".join(sentences + report.get("warnings", []))
+        return " ".join(sentences + [_(warning) for warning in report["warnings"]])
 
     @staticmethod
     def showResult(result, request):

@@ -18,7 +18,7 @@ elastoidentify_environment(
   slicer OPTIONAL
   FOLDER "${slicer_environment}"
   PYTHON "${Python3_EXECUTABLE}"
-  INSTALL --editable "${PROJECT_SOURCE_DIR}[registration]" slicer-core "PySide6-Essentials<6.12"
-          matplotlib scikit-fem pytest pytest-timeout
+  INSTALL --editable "${PROJECT_SOURCE_DIR}[registration,dicom]" slicer-core
+          "PySide6-Essentials<6.12" dcmqi matplotlib scikit-fem pytest pytest-timeout
   WITHOUT_DEPENDENCIES nilearn # only its MR template is used
 )

@@ -12,7 +12,7 @@ import slicer
 import vtk
 from elastoidentify.errors import InputError
 from elastoidentify.imaging.image import Image
-from elastoidentify.vtk_io.convert import slice_of_image
+from elastoidentify.provenance import image_hash
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 
@@ -88,18 +88,16 @@ def segmentation_image(segmentation, segment_ids: Sequence[str], reference) -> I
     return _placed(array.astype(np.int32), ijk_to_world(reference))
 
 
-def take_slice(image: Image, axis: int, index: int) -> Image:
-    """Return one slice across axis 0, 1 or 2 (i, j, k); an image of one slice as it is."""
-    return image if image.planar_axis is not None else slice_of_image(image, axis, index)
+def box_of_roi(roi) -> tuple[float, ...]:
+    """Return the box (x0, x1, y0, y1, z0, z1) of a markups ROI in world RAS."""
+    bounds = [0.0] * 6
+    roi.GetRASBounds(bounds)
+    return tuple(bounds)
 
 
-def same_slice(rest: Image, image: Image, axis: int, index: int, name: str) -> Image:
-    """Return the slice of a pushed image that lies where the slice of the rest image does."""
-    if rest.planar_axis is not None or image.planar_axis is not None:
-        return image
-    from elastoidentify.imaging.registration.registration import on_grid_of
-
-    return slice_of_image(on_grid_of(rest, image, name), axis, index)
+def fingerprint(volume) -> dict[str, str]:
+    """Return a volume's name and the SHA-256 of its voxels and geometry."""
+    return {"name": volume.GetName(), "sha256": image_hash(image_from_volume(volume))}
 
 
 def nodal_displacements(transforms: Sequence, points: np.ndarray, to_rest: bool) -> np.ndarray:

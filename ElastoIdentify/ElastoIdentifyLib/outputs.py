@@ -9,24 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import slicer
 import vtk
-from elastoidentify.filters.identification import write_identification
-from elastoidentify.inverse.identify import STATUS_NOT_DETERMINED
-from elastoidentify.pipeline import Outcome, summarise
-from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
+from elastoidentify.pipeline import Outcome
+from elastoidentify.results import QUANTITIES, Status
+from elastoidentify.vtk_io.arrays import rows_to_table, write_outcome
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from vtk.util.numpy_support import numpy_to_vtk
 
 RESULT = "ElastoIdentify.Result"
-SYMBOLS = {
-    "Mu": "μ",
-    "Lambda": "λ",
-    "YoungModulus": "E",
-    "PoissonRatio": "ν",
-    "MuStd": "std of μ",
-    "LambdaStd": "std of λ",
-}
-"""Cell arrays that the panel offers for display, as the legend names them."""
-
 GREY = (0.55, 0.55, 0.55)
 
 
@@ -63,11 +52,12 @@ def make_result(outcome: Outcome, request, name: str = "Stiffness", show: str = 
     result.undetermined = _undetermined_model(grid, outcome, name)
     show_quantity(result.model, show)
     geometry = _geometry(request.restVolume)
+    edge = outcome.provenance["edge_length"]  # as used, which 0 leaves to the library
     for number, displacement in enumerate(outcome.displacements, 1):
         node = _add("vtkMRMLGridTransformNode", f"{name}: displacement {number}")
-        _fill_transform(node, outcome.mesh.points, displacement, geometry, request.edgeLength)
+        _fill_transform(node, outcome.mesh.points, displacement, geometry, edge)
         result.transforms.append(node)
-    result.table = _segment_table(outcome, request, name)
+    result.table = _segment_table(outcome, name)
     result.chart = _chart(result.table, request, name)
     _file_together(result, name)
     return result
@@ -83,19 +73,9 @@ def _add(class_name: str, name: str):
 
 
 def result_grid(outcome: Outcome):
-    """Return the mesh with every array of the data on the wire, in world RAS."""
-    mesh = outcome.mesh
-    grid = mesh_to_vtk(mesh.points, mesh.cells)
-    set_array(grid.GetCellData(), "Label", mesh.labels.astype(np.int32))
-    set_array(grid.GetPointData(), "ReactionNodes", mesh.reaction_nodes.astype(np.uint8))
-    for number, displacement in enumerate(outcome.displacements, 1):
-        set_array(grid.GetPointData(), f"Displacement_{number}", displacement)
-    if outcome.information is not None:
-        for number, information in enumerate(outcome.information, 1):
-            set_array(grid.GetPointData(), f"DisplacementInformation_{number}", information)
+    """Return the mesh with every array and report of the data on the wire, in world RAS."""
     outcome.result.report["warnings"] = outcome.warnings
-    write_identification(grid, outcome.result)
-    return grid
+    return write_outcome(outcome)
 
 
 def _display_model(model, planar: bool) -> None:
@@ -128,7 +108,8 @@ def show_quantity(model, quantity: str) -> None:
     low, high = np.percentile(finite, [1, 99]) if len(finite) else (0.0, 1.0)
     display.SetScalarRange(low, high if high > low else low + max(abs(low), 1.0) * 1e-3)
     display.SetScalarVisibility(True)
-    unit = "" if quantity == "PoissonRatio" else f" ({model.GetAttribute('ElastoIdentify.Unit')})"
+    known = QUANTITIES.get(quantity)
+    title = known.title(model.GetAttribute("ElastoIdentify.Unit") or "") if known else quantity
     legend = slicer.modules.colors.logic().AddDefaultColorLegendDisplayNode(display)
     for letters, size in (
         (legend.GetTitleTextProperty(), 16),
@@ -139,7 +120,7 @@ def show_quantity(model, quantity: str) -> None:
     legend.SetSize(0.12, 0.4)
     legend.SetUseColorNamesForLabels(False)
     legend.SetLabelFormat("%.3g")
-    legend.SetTitleText(SYMBOLS.get(quantity, quantity) + unit)
+    legend.SetTitleText(title)
     legend.SetVisibility(True)
     legend.Modified()  # letters do not tell
 
@@ -177,7 +158,7 @@ def cube_helix(brightness: np.ndarray, start=0.9, rotations=-0.9, hue=1.4) -> np
 
 def _undetermined_model(grid, outcome: Outcome, name: str):
     """Show the cells that are not determined as a grey grid over the map, so that nobody errs."""
-    cells = np.flatnonzero(outcome.result.status == STATUS_NOT_DETERMINED)
+    cells = np.flatnonzero(outcome.result.status == Status.NOT_DETERMINED)
     if not len(cells):
         return None
     ids = vtk.vtkIdList()
@@ -261,51 +242,33 @@ def _fill_transform(node, points, displacement, geometry: _Geometry, edge_length
 # ---- figures
 
 
-def _segment_table(outcome: Outcome, request, name: str):
-    """Return a table node with one row per segment of the mesh."""
-    rows = summarise(outcome.mesh.labels, outcome.result)
-    unit = request.unit
+def _segment_table(outcome: Outcome, name: str):
+    """Return a table node with the rows of the result's statistics, one per segment."""
     table = _add("vtkMRMLTableNode", f"{name}: segments")
-    columns = {"Segment": [], "Role": [], "Cells": [], "Identified (%)": []}
-    for label, segment, material in request.segments().values():
-        if label not in rows:
-            continue
-        columns["Segment"].append(segment)
-        columns["Role"].append(material.role)
-        columns["Cells"].append(rows[label]["cells"])
-        columns["Identified (%)"].append(round(100 * rows[label]["identified"], 2))
-        for key, value in rows[label].items():
-            quantity, _, statistic = key.partition(" ")
-            if statistic:
-                suffix = "" if quantity == "PoissonRatio" else f" ({unit})"
-                columns.setdefault(f"{quantity} {statistic}{suffix}", []).append(value)
-    for title, values in columns.items():
-        if title in ("Segment", "Role"):
-            column = vtk.vtkStringArray()
-        elif title == "Cells":
-            column = vtk.vtkIntArray()
-        else:
-            column = vtk.vtkDoubleArray()
-        column.SetName(title)
-        for value in values:
-            column.InsertNextValue(value)
-        table.AddColumn(column)
+    table.SetAndObserveTable(rows_to_table(outcome.result.statistics))
+    for column in (name for name in outcome.result.statistics[0] if _is_modulus(name)):
+        table.SetColumnUnitLabel(column, outcome.result.statistics[0]["unit"])
     return table
 
 
+def _is_modulus(column: str) -> bool:
+    quantity = QUANTITIES.get(column.split()[0])
+    return quantity is not None and quantity.is_modulus and "ratio" not in column
+
+
 def _chart(table, request, name: str):
-    """Return a bar chart of the median shear modulus of the segments."""
-    series = _add("vtkMRMLPlotSeriesNode", f"{name}: median μ")
+    """Return a bar chart of the mean shear modulus of the segments."""
+    series = _add("vtkMRMLPlotSeriesNode", f"{name}: mean μ")
     series.SetAndObserveTableNodeID(table.GetID())
     series.SetPlotType(slicer.vtkMRMLPlotSeriesNode.PlotTypeBar)
-    series.SetLabelColumnName("Segment")
-    series.SetYColumnName(f"Mu median ({request.unit})")
+    series.SetLabelColumnName("name")
+    series.SetYColumnName("Mu mean")
     series.SetColor(0.2, 0.45, 0.6)
     chart = _add("vtkMRMLPlotChartNode", f"{name}: chart")
     chart.AddAndObservePlotSeriesNodeID(series.GetID())
-    chart.SetTitle("Median shear modulus by segment")
+    chart.SetTitle("Mean shear modulus by segment (its standard error is in the table)")
     chart.SetYAxisTitle(f"μ ({request.unit})")
-    chart.SetXAxisTitle("Segment")
+    chart.SetXAxisTitle("segment")
     chart.SetLegendVisibility(False)
     return chart
 

@@ -1,4 +1,4 @@
-"""What the user asked for, what is missing in it, and the job that follows."""
+"""What the user asked for, what is missing in it, and the study that follows."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,8 @@ import numpy as np
 import slicer
 import vtk
 from elastoidentify.errors import InputError
-from elastoidentify.pipeline import Job
+from elastoidentify.imaging.slices import slice_of_image
+from elastoidentify.study import Study
 
 from . import images
 
@@ -89,15 +90,19 @@ class Request:
     transformsToRest : bool
         The transforms take pushed points to where they were at rest (as a registration does whose
         fixed image is the rest image), instead of the other way round.
+    maskVolume : vtkMRMLScalarVolumeNode, optional
+        Images are compared where it is not 0.
+    reactionRois : sequence of vtkMRMLMarkupsROINode
+        Boxes in which an outside body may push.
     edgeLength : float
-        Of the mesh's cells, mm.
+        Of the mesh's cells, mm; 0: twelve voxels.
     wholeVolume : bool
         Mesh the volume with tetrahedra; False: one slice with triangles.
     sliceAxis, sliceIndex : int
         The slice: axis 0, 1, 2 for i, j, k; a negative index is the middle one. Volumes of one
         slice need no choice.
     options : dict
-        Keywords of :func:`elastoidentify.identify`: method, kinematics, unknowns, …
+        Any other option of :class:`elastoidentify.study.Study` by its name: method, kinematics, …
     unit : str
         Of Young's modulus, for display.
     """
@@ -108,7 +113,9 @@ class Request:
     pushedVolumes: Sequence = ()
     transforms: Sequence = ()
     transformsToRest: bool = False
-    edgeLength: float = 5.0
+    maskVolume: object = None
+    reactionRois: Sequence = ()
+    edgeLength: float = 0.0
     wholeVolume: bool = False
     sliceAxis: int = 2
     sliceIndex: int = -1
@@ -156,57 +163,77 @@ class Request:
                 return f"Young's modulus of {name} must be positive"
             if not -1 < material.poisson < 0.5:
                 return f"Poisson's ratio of {name} must be between -1 and 0.5"
-        if not self.edgeLength > 0:
+        if self.edgeLength < 0:
             return "the edge length must be positive"
         return ""
 
-    def job(self) -> Job:
-        """Return the job for the library, in world RAS.
+    def study(self) -> Study:
+        """Return the study for the library, in world RAS.
 
         Raises
         ------
         InputError
-            Something is missing, or a node cannot be used.
+            Something is missing, an option is not allowed, or a node cannot be used.
         """
         lack = self.missing()
         if lack:
             raise InputError(f"{lack[0].upper()}{lack[1:]}.")
         segments = self.segments()
-        labels = images.segmentation_image(self.segmentation, list(segments), self.restVolume)
         rest = images.image_from_volume(self.restVolume)
-        pushed = []
-        if not self.transforms:
-            pushed = [images.image_from_volume(volume) for volume in self.pushedVolumes]
-        if not self.wholeVolume and rest.planar_axis is None:
-            axis = self.sliceAxis
-            index = self.sliceIndex if self.sliceIndex >= 0 else rest.size[axis] // 2
-            names = [volume.GetName() for volume in self.pushedVolumes]
-            pushed = [
-                images.same_slice(rest, image, axis, index, name)
-                for image, name in zip(pushed, names, strict=False)
-            ]
-            rest, labels = (images.take_slice(image, axis, index) for image in (rest, labels))
-        present = set(np.unique(labels.array).tolist())
+        labels = images.segmentation_image(self.segmentation, list(segments), self.restVolume)
+        axis, index = self._slice(rest)
+        present = set(np.unique(_at(labels, axis, index).array).tolist())
         for label, name, material in segments.values():
             if label not in present and material.role == KNOWN:
                 raise InputError(f"the known segment {name!r} is not in this slice: choose another")
-        return Job(
+        return Study(
             segmentation=labels,
-            edge_length=self.edgeLength,
-            known={
-                label: (material.young, material.poisson)
-                for label, _, material in segments.values()
-                if material.role == KNOWN
-            },
             rest=rest,
-            pushed=pushed,
+            pushed=[
+                images.image_from_volume(volume)
+                for volume in (() if self.transforms else self.pushedVolumes)
+            ],
+            mask=self.maskVolume and images.image_from_volume(self.maskVolume),
+            edge_length=self.edgeLength,
+            slice_axis=axis,
+            slice_index=index,
+            reaction_boxes=[images.box_of_roi(roi) for roi in self.reactionRois],
             rigid_labels=[
                 label
                 for label, _, material in segments.values()
                 if material.role == RIGID and label in present
             ],
-            options=dict(self.options),
+            known_materials={
+                label: (material.young, material.poisson)
+                for label, _, material in segments.values()
+                if material.role == KNOWN
+            },
+            unit=self.unit,
+            **self.options,
         )
+
+    def _slice(self, rest) -> tuple[str, int]:
+        """Return axis and index of the slice to mesh, as the table of options has them."""
+        if self.wholeVolume or rest.planar_axis is not None:
+            return "none", -1
+        size = rest.size[self.sliceAxis]
+        return "ijk"[self.sliceAxis], self.sliceIndex if self.sliceIndex >= 0 else size // 2
+
+    def names(self) -> dict[int, str]:
+        """Return {label: name of the segment}."""
+        return {label: name for label, name, _ in self.segments().values()}
+
+    def inputs(self) -> dict:
+        """Return names and fingerprints of the volumes, for the provenance."""
+        volumes = {"rest": self.restVolume, "mask": self.maskVolume}
+        found = {k: images.fingerprint(v) for k, v in volumes.items() if v is not None}
+        if self.pushedVolumes and not self.transforms:
+            found["pushed"] = [images.fingerprint(volume) for volume in self.pushedVolumes]
+        return found
+
+
+def _at(image, axis: str, index: int):
+    return image if axis == "none" else slice_of_image(image, "ijk".index(axis), index)
 
 
 def first_of_class(name: str):

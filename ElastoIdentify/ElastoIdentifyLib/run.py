@@ -1,5 +1,6 @@
 """One run in the background, from nodes to an outcome. Touches the scene only to read it."""
 
+from elastoidentify import pipeline
 from elastoidentify.workers.job import BackgroundJob, State
 
 from . import images
@@ -24,10 +25,16 @@ class Run:
 
     def __init__(self, request: Request):
         self.request = request
-        self._job = request.job()
+        self._study = request.study()
         self._notes = []
         self._first_step = bool(request.transforms)
-        self._process = BackgroundJob("make_mesh" if self._first_step else "run", self._job)
+        self._process = (
+            BackgroundJob(pipeline.make_mesh, self._study) if self._first_step else self._whole()
+        )
+
+    def _whole(self, **given) -> BackgroundJob:
+        about = {"names": self.request.names(), "inputs": self.request.inputs()}
+        return BackgroundJob(pipeline.run, self._study, **about, **given)
 
     @property
     def fraction(self) -> float:
@@ -44,13 +51,12 @@ class Run:
         state = self._process.poll()
         if self._first_step and state is State.DONE:
             mesh = self._process.result()
-            self._job.mesh = mesh
-            self._job.displacements = images.nodal_displacements(
+            moved = images.nodal_displacements(
                 self.request.transforms, mesh.points, self.request.transformsToRest
             )
             self._notes = images.outside_grids(self.request.transforms, mesh.points)
             self._first_step = False
-            self._process = BackgroundJob("run", self._job)
+            self._process = self._whole(mesh=mesh, displacements=moved)
             return State.RUNNING
         return state
 

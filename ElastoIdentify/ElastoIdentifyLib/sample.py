@@ -74,7 +74,7 @@ def phantom_nodes(phantom, name: str = "Phantom") -> dict:
         "segmentation": segmentation,
         "materials": materials,
         "edgeLength": round(12 * float(phantom.frame.spacing.max()), 1),
-        "options": {"unknowns": "young", "poisson_ratio": pad.poisson},
+        "options": {"kinematics": phantom.parameters["kinematics"]},
         "unit": "kPa",
     }
 
@@ -143,7 +143,7 @@ def add_exact_push(pad_young: float = 5.0, tissue_young: float = 15.0, poisson: 
         edgeLength=6.0,
         options={"method": "global", "unknowns": "young", "poisson_ratio": poisson},
     )
-    mesh = make_mesh(request.job())
+    mesh = make_mesh(request.study())
     request.transforms = [
         _spline(mesh.points, displacement, direction[:, 2], f"Block push {number}")
         for number, displacement in enumerate(

@@ -49,16 +49,21 @@ class Option:
         The value that leaves the choice to the library (it gets None).
     required : bool
         There is no sensible default: the command line wants it said.
+    needs : (str, object), optional
+        Another option and its value, without which this one says nothing: forms hide it then, and
+        the library does not get it.
+    form_start : object
+        What a form begins with where the default is None.
     """
 
     def __init__(
         self, default, doc, *, unit="", group="", advanced=False, flags=(), metavar=None,
-        keyword=None, own_choice=None, required=False,
+        keyword=None, own_choice=None, required=False, needs=None, form_start=None,
     ):  # fmt: skip
         self.default, self.__doc__ = default, doc
         self.unit, self.group, self.advanced, self.required = unit, group, advanced, required
         self._flags, self.metavar, self._keyword = tuple(flags), metavar, keyword
-        self.own_choice = own_choice
+        self.own_choice, self.needs, self.form_start = own_choice, needs, form_start
 
     def __set_name__(self, owner, name):
         self.name, self.title = name, pascal(name)
@@ -88,6 +93,8 @@ class Option:
 
     def argument(self, holder):
         """Return the value of `holder` as the library takes it: None where it may choose."""
+        if self.needs is not None and getattr(holder, self.needs[0]) != self.needs[1]:
+            return None
         value = self.__get__(holder)
         return None if self.own_choice is not None and value == self.own_choice else value
 

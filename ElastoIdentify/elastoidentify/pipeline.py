@@ -122,6 +122,8 @@ def run(
     warnings += [] if registration is None else registration.report.get("warnings", [])
     warnings += result.report.get("warnings", [])
     made = provenance(study, inputs, time.monotonic() - start)
+    if study.segmentation is not None:
+        made["edge_length"] = study.edge_length or default_edge_length(study.segmentation)
     return Outcome(mesh, np.asarray(displacements), result, registration, warnings, made)
 
 
@@ -205,12 +207,35 @@ def measure(
     """
     from .imaging.registration import register  # scipy.ndimage and more: not for a look at the mesh
 
-    images = [options.rest, *options.pushed, options.mask]
+    rest, pushed, mask = options.rest, list(options.pushed), options.mask
     if cells.shape[1] == 3:
-        images = [one if one is None else slice_with_points(one, points) for one in images]
-    rest, *pushed, mask = images
+        rest, pushed, mask = _slices(rest, pushed, mask, points)
     chosen = keywords(options, RegistrationOptions)
     return register(rest, pushed, points, cells, mask=mask, **chosen, progress=progress)
+
+
+def _slices(rest, pushed, mask, points):
+    """Return the slices of all images in which a planar mesh lies.
+
+    A volume whose slices lie otherwise than those of the first is put on its grid before.
+    """
+    from .imaging.registration import on_grid_of
+
+    whole = pushed[0] if rest is None else rest
+
+    def cut(image, name):
+        if image is None:
+            return None
+        try:
+            return slice_with_points(image, points)
+        except InputError:
+            if image is whole or whole.planar_axis is not None:
+                raise
+            return slice_with_points(on_grid_of(whole, image, name), points)
+
+    names = [f"pushed (trial {number})" for number in range(1, len(pushed) + 1)]
+    moved = [cut(image, name) for image, name in zip(pushed, names, strict=True)]
+    return cut(rest, "rest"), moved, cut(mask, "mask")
 
 
 def identify_mesh(

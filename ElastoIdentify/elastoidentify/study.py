@@ -170,6 +170,8 @@ class IdentificationOptions(Table):
         "Poisson's ratio of the unknown cells where only Young's modulus is sought.",
         above=-1.0,
         below=0.5,
+        needs=("unknowns", "young"),
+        form_start=0.45,
         group="Materials",
         flags=["--poisson", "--poisson-ratio"],
         metavar="NU",

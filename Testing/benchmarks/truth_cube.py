@@ -256,6 +256,7 @@ def identify_cube(
     grouping: str = "label",
     trials=(0, 1, 2),
     refine: int = 1,
+    element: str = "locking-free",
     progress=silent,
 ) -> IdentificationResult:
     """Identify E (kPa) of all cells but those labelled 1, the noise of the beads as weight."""
@@ -269,6 +270,7 @@ def identify_cube(
         labels=labels,
         reaction_nodes=cube.outside,
         method="regularized",
+        element=element,
         kinematics=kinematics,
         unknowns="young",
         poisson_ratio=poisson,

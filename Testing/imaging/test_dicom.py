@@ -47,8 +47,7 @@ def assert_grid(image, values, positions, orientation, spacing=(0.8, 1.3), atol=
 
 
 @pytest.mark.parametrize("plane", PLANES)
-@pytest.mark.parametrize("step", [0.7, 1.1, 0.625, 3.0, -2.2])
-@pytest.mark.parametrize("digits", [13, 6, 2])
+@pytest.mark.parametrize("step, digits", [(0.7, 13), (1.1, 2), (0.625, 6), (3.0, 13), (-2.2, 2)])
 def test_a_series_is_where_its_files_say(tmp_path, plane, step, digits):
     values, orientation = volume(), PLANES[plane]
     order = np.random.default_rng(0).permutation(len(values))
@@ -85,6 +84,47 @@ def test_a_missing_slice_is_named(tmp_path, plane, gone):
         InputError, match=f"not evenly spaced.*slices {gone} and {gone + 1}; 1 slice"
     ):
         read_image(tmp_path)
+
+
+def test_the_gap_between_three_slices_is_found(tmp_path):
+    write_series(tmp_path, volume(), step=3.0, edit=lambda k, data: k in (0, 1, 3))
+    with pytest.raises(InputError, match="3 mm as a rule, 6 mm between slices 2 and 3; 1 slice"):
+        read_image(tmp_path)
+
+
+def test_every_second_slice_missing_is_noted_where_the_files_say_their_distance(tmp_path):
+    def edit(k, data):
+        data.SpacingBetweenSlices = "1.5"
+        return k % 2 == 0
+
+    write_series(tmp_path, volume(), step=1.5, edit=edit)
+    image = read_image(tmp_path)
+    assert np.isclose(image.spacing[2], 3) and "every second one" in image.notes[-1]
+
+
+def test_files_without_preamble_are_dicom_too(tmp_path):
+    from pydicom import dcmread
+
+    values = volume()
+    positions = write_series(tmp_path / "whole", values)
+    (tmp_path / "bare").mkdir()
+    for file in (tmp_path / "whole").iterdir():
+        data = dcmread(file)
+        del data.file_meta
+        data.save_as(tmp_path / "bare" / file.stem, implicit_vr=True, little_endian=True)
+    assert_grid(read_image(tmp_path / "bare"), values, positions, AXIAL)
+
+
+def test_series_of_one_number_are_chosen_by_their_uid(tmp_path):
+    for k, values in enumerate((volume(), volume() + 1000)):
+        write_series(tmp_path, values, number=3, order=range(10 * k, 10 * k + 6))
+    from pydicom import dcmread
+
+    uid = dcmread(tmp_path / "010.dcm").SeriesInstanceUID
+    with pytest.raises(InputError, match=f"2 DICOM series.*{uid[-8:]}"):
+        read_image(tmp_path)
+    for chosen in (uid, uid[-8:], f"…{uid[-8:]}"):
+        assert np.array_equal(read_image(tmp_path, series=chosen).array, volume() + 1000)
 
 
 def test_a_slice_missing_at_an_end_is_noted_where_the_series_counts(tmp_path):
@@ -270,10 +310,14 @@ def test_bits_beyond_the_stored_ones_are_no_grey_values(tmp_path):
     assert np.array_equal(read_image(tmp_path).array, values & 0x0FFF)
 
 
-@pytest.mark.parametrize("compressor", ["JPEG", "JPEG2000", "JPEGLS"])
-def test_compressed_pixels_are_those_before(tmp_path, compressor):
-    values = volume(1, 32, 32)
+@pytest.mark.parametrize("compressor", ["JPEG", "JPEG2000"])
+@pytest.mark.parametrize("kind", ["one", "multi-frame", "grey as colours"])
+def test_compressed_pixels_are_those_before(tmp_path, compressor, kind):
+    values = volume(1 if kind == "one" else 5, 32, 32)
     image = sitk.GetImageFromArray(values)
+    if kind == "grey as colours":
+        values = values[:1].astype(np.uint8)
+        image = sitk.GetImageFromArray(np.repeat(values[..., None], 3, axis=-1), isVector=True)
     image.SetSpacing((0.5, 0.7, 2.0))
     writer = sitk.ImageFileWriter()
     writer.SetFileName(str(tmp_path / "one.dcm"))
@@ -377,6 +421,22 @@ def test_frames_of_a_plain_file_with_a_step_are_a_volume(tmp_path):
     save(data, tmp_path / "one.dcm")
     positions = np.array([[1, 2, 3 + 2.5 * k] for k in range(6)])
     assert_grid(read_image(tmp_path / "one.dcm"), values, positions, AXIAL)
+
+
+def test_an_enhanced_ultrasound_volume_is_where_its_frames_say(tmp_path):
+    def renamed(data):
+        shared = data.SharedFunctionalGroupsSequence[0]
+        turn = shared.PlaneOrientationSequence[0].ImageOrientationPatient
+        del shared.PlaneOrientationSequence
+        shared.PlaneOrientationVolumeSequence = [item(ImageOrientationVolume=turn)]
+        for group in data.PerFrameFunctionalGroupsSequence:
+            place = group.PlanePositionSequence[0].ImagePositionPatient
+            del group.PlanePositionSequence
+            group.PlanePositionVolumeSequence = [item(ImagePositionVolume=place)]
+
+    values = volume()
+    positions = enhanced(tmp_path / "us.dcm", values, edit=renamed)
+    assert_grid(read_image(tmp_path / "us.dcm"), values, positions, AXIAL)
 
 
 def test_a_film_is_no_volume_and_a_frame_of_it_can_be_chosen(tmp_path):

@@ -119,6 +119,44 @@ def test_a_slice_in_nifti_keeps_its_place_in_space(tmp_path, plane):
     assert np.allclose(back.origin, image.origin, atol=1e-5)
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("thin", [None, 0, 1, 2])
+@pytest.mark.parametrize("name", ["x.nii", "x.nii.gz", "x.hdr"])
+@pytest.mark.parametrize("unit", ["mm", "micron"])
+def test_nibabel_and_we_agree_where_voxels_are(tmp_path, order, thin, name, unit):
+    nibabel = pytest.importorskip("nibabel")
+    array = np.random.default_rng(0).integers(0, 200, (9, 8, 4)).astype(f"{order}i2")
+    if thin is not None:
+        array = array.take([2], axis=thin)
+    affine = np.array([[-0.5, 0, 0, 10], [0, 0, 2.0, -3], [0, 0.7, 0, 5], [0, 0, 0, 1]])
+    kind = nibabel.Nifti1Pair if name.endswith("hdr") else nibabel.Nifti1Image
+    made = kind(array, affine, nibabel.Nifti1Header(endianness=order))
+    made.header.set_xyzt_units(unit)
+    made.to_filename(tmp_path / name)
+    image = read_image(tmp_path / name)
+    assert np.array_equal(image.array.transpose(2, 1, 0), array)
+    corner = np.array(array.shape) - 1
+    where = (affine @ [*corner, 1])[:3] * [-1, -1, 1] * (1e-3 if unit == "micron" else 1)
+    assert np.allclose(image.index_to_world(corner[None])[0], where, rtol=1e-5)
+
+
+def test_what_is_packed_is_seen_in_the_file_not_in_its_name(tmp_path):
+    array = values()
+    write(tmp_path / "x.nii", array)
+    plain = (tmp_path / "x.nii").read_bytes()
+    (tmp_path / "x.nii").write_bytes(gzip.compress(plain))
+    (tmp_path / "y.nii.gz").write_bytes(plain)
+    for name in ("x.nii", "y.nii.gz"):
+        assert np.array_equal(read_image(tmp_path / name).array, array)
+
+
+def test_the_second_nifti_format_is_refused_by_its_name(tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.Nifti2Image(values(), np.eye(4)).to_filename(tmp_path / "x.nii")
+    with pytest.raises(InputError, match="NIfTI-2"):
+        read_image(tmp_path / "x.nii")
+
+
 def nifti_with(path, **numbers):
     """Write a NIfTI file and change numbers of its header."""
     write(path, values())
@@ -294,6 +332,12 @@ def test_a_picture_without_size_says_so(tmp_path):
     assert "72 dots per inch" in read_image(printed).notes[0]
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int16, np.float32])
+def test_a_plain_tiff_has_the_values_that_were_written(tmp_path, dtype):
+    pages = list(values((3, 16, 18), dtype))
+    assert np.array_equal(read_image(tiff(tmp_path / "x.tif", pages, "")).array, pages)
+
+
 @pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float32])
 def test_tiles_that_would_be_read_as_8_bits_are_refused(tmp_path, dtype):
     pages = [values((16, 32), dtype)]
@@ -344,4 +388,17 @@ def test_a_full_disk_is_found_before_the_work_and_in_words(tmp_path, monkeypatch
     monkeypatch.setattr("elastoidentify.imaging.io.writing._fill", full)
     with pytest.raises(InputError, match="No space left on device"):
         check_outputs({"--output": tmp_path / "map.vtu"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up_while_writing_is_said_in_words(tmp_path, monkeypatch):
+    def half(image, path, compress):
+        with open(path, "w") as part:
+            part.write("half of it")
+        raise RuntimeError("[nrrd] _nrrdGzWrite: failed")
+
+    monkeypatch.setattr(sitk, "WriteImage", half)
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: type("Usage", (), {"free": 0}))
+    with pytest.raises(InputError, match="No space left on device"):
+        write_ours(tmp_path / "image.nrrd", Image(values()))
     assert list(tmp_path.iterdir()) == []

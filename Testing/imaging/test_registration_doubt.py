@@ -1,15 +1,20 @@
 """Where a registration cannot know, it says so: lost nodes, nodes out of view, edges of contact."""
 
+import threading
+import time
+
 import numpy as np
 import pytest
-from elastoidentify.errors import InputError
+from elastoidentify.errors import Cancelled, InputError
 from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.registration import together
 from elastoidentify.imaging.registration.correlation import (
     carried_displacement,
     refine_displacement,
 )
 from elastoidentify.imaging.registration.information import contact_edge, strain_spread
 from elastoidentify.imaging.registration.registration import NOT_SEEN, SIX, register
+from elastoidentify.progress import silent
 from hosts import has_elastix
 from scipy import ndimage
 
@@ -43,7 +48,7 @@ class KnownElastix:
     def __init__(self, rest, pushed, lost=None, miss=0.0):
         self.rest, self.pushed, self.lost, self.miss = rest, pushed, lost, miss
 
-    def register(self, fixed, moving, spacing, maps, points, *, mask=None, progress=None):
+    def register(self, fixed, moving, spacing, maps, points, *, warp=True, **_):
         j, i = np.mgrid[: SHAPE[0], : SHAPE[1]]
         grid = np.column_stack([i.ravel(), j.ravel()]).astype(float)
         if np.array_equal(fixed, self.rest):
@@ -52,6 +57,8 @@ class KnownElastix:
                 mapped[self.lost, 0] += self.miss
         else:
             mapped, there = (p - squeeze(inverse(p)) for p in (points, grid))
+        if not warp:
+            return mapped, None
         warped = ndimage.map_coordinates(moving, there.T[::-1], order=3, mode="nearest")
         gone = ((there < -0.5) | (there > np.array(SHAPE[::-1]) - 0.5)).any(1)
         return mapped, np.where(gone, NOT_SEEN, warped).reshape(SHAPE).astype(np.float32)
@@ -174,6 +181,90 @@ def test_reaction_nodes_of_another_mesh_are_refused():
     points, cells = triangles((16, 12), (88, 84))
     with pytest.raises(InputError, match="reaction_nodes has 3 values"):
         found_by(KnownElastix(*pair()), points, cells, reaction_nodes=np.ones(3))
+
+
+# ---- several at once
+
+
+def test_trials_in_several_processes_give_what_one_gives(monkeypatch):
+    points, cells = triangles((16, 12), (88, 84))
+    rest, pushed = pair()
+    started = []
+
+    def start(progress):
+        started.append(KnownElastix(rest, pushed))
+        started[-1].close = lambda: started.append("closed")
+        return started[-1]
+
+    monkeypatch.setattr(together, "ElastixProcess", start)
+    world = np.column_stack([points, 0 * points[:, 0]])
+    images = Image(rest), [Image(pushed), Image(pushed[::-1]), Image(pushed)]
+    seen = []
+    found = [
+        register(*images, world, cells, workers=n, progress=lambda f, text: seen.append(f))
+        for n in (1, 3)
+    ]
+    for name in ("displacements", "information", "disagreement"):
+        assert np.array_equal(*(getattr(one, name) for one in found))
+    assert found[0].report == found[1].report
+    assert started.count("closed") * 2 == len(started) >= 4
+
+
+def test_tasks_run_at_once_and_tell_their_progress_in_one_voice():
+    here, told = threading.Barrier(2, timeout=20), []
+
+    def task(progress):
+        progress(0.5, "half")
+        here.wait()  # both are running, or this fails
+        return threading.get_ident()
+
+    found = together.run_together([task, task], 2, lambda *what: told.append(what))
+    assert len(set(found)) == 2 and threading.get_ident() not in found
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+@pytest.mark.parametrize("who", ["the user", "a task"])
+def test_one_who_stops_stops_all(who):
+    stopped = []
+
+    def endless(progress):
+        try:
+            while True:
+                progress(0.1, "working")
+                time.sleep(0.01)
+        except Cancelled:
+            stopped.append(True)
+            raise
+
+    def failing(progress):
+        time.sleep(0.1)
+        raise InputError("no")
+
+    def cancel(fraction, text):
+        if text:
+            raise Cancelled
+
+    tasks, progress = ([endless] * 2, cancel) if who == "the user" else ([endless, failing], silent)
+    with pytest.raises(Cancelled if who == "the user" else InputError):
+        together.run_together(tasks, 2, progress)
+    assert stopped
+
+
+def test_a_failing_forward_registration_ends_the_backward_one_too():
+    class Failing(KnownElastix):
+        def register(self, *arguments, **options):
+            raise InputError("elastix could not register the images")
+
+    points, cells = triangles((16, 12), (88, 84))
+    with pytest.raises(InputError, match="could not register"):
+        found_by(Failing(*pair()), points, cells)
+
+
+def test_volumes_use_the_cores_and_slices_do_not():
+    assert together.engines_for(2, 3, None) == 1
+    assert 1 <= together.engines_for(3, 3, None) <= 3
+    assert together.engines_for(2, 3, 2) == 2 and together.engines_for(3, 1, 9) == 2
 
 
 # ---- with elastix

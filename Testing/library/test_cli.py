@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import elastoidentify
 import numpy as np
 import pytest
 from elastoidentify import cli
@@ -156,7 +157,10 @@ def test_table2_prints_the_papers_figures(capsys):
 
 
 def test_help_version_and_module(capsys):
-    assert run("--version", capsys=capsys)[:2] == (0, "elastoidentify 0.1.0\n")
+    assert run("--version", capsys=capsys)[:2] == (
+        0,
+        f"elastoidentify {elastoidentify.__version__}\n",
+    )
     code, text, _ = run("run", "--help", capsys=capsys)
     assert code == 0
     assert "--reaction-box" in text
@@ -343,7 +347,7 @@ def write_colours(path, grey):
         ({"--pushed": "nan.nrrd"}, "3 voxels that are not numbers"),
         ({"--pushed": "colours.nrrd"}, "convert it to one grey value"),
         ({"--segmentation": "block.nrrd"}, "mesh the segmentation of that same slice"),
-        ({"--segmentation": "block.nrrd", "--rest": "thin.nrrd"}, "too few to register"),
+        ({"--segmentation": "block.nrrd", "--rest": "thin.nrrd"}, "lie in the rest image"),
         ({"--segmentation": "rest.nrrd"}, "whole numbers"),
         ({"--segmentation": "smaller.nrrd"}, "whole numbers"),
         ({"--edge-length": "-1"}, "--edge-length"),

@@ -345,7 +345,7 @@ def test_one_unknown_material_per_label(method, unknowns):
     push_from_above(one, 1.0, DOWN_AND_OBLIQUE[:1])
     more = {"poisson_ratio": 0.4} if unknowns == "young" else {}
     if method == "regularized":
-        more["refine"] = 1  # the forward problem of these data
+        more |= {"refine": 1, "element": "linear"}  # the forward problem of these data
     result = one.identify(method, known={3: (5e3, 0.4)}, labels=labels, grouping="label",
                           unknowns=unknowns, **more)  # fmt: skip
     assert (result.status == np.where(labels == 3, 1, 2)).all()

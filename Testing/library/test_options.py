@@ -121,6 +121,8 @@ def test_every_option_arrives_in_the_library(table, option, monkeypatch):
     monkeypatch.setattr(function, stop)
     study = Study(segmentation=an_image(), rest=an_image(), pushed=[an_image()])
     setattr(study, option.name, sample(option))
+    if option.needs:
+        setattr(study, *option.needs)
     with pytest.raises(Arrived) as seen:
         step(study, *rest)
     assert seen.value.keywords[option.keyword] == sample(option)
@@ -214,10 +216,11 @@ def command(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("table", "option"), scalar_options(), ids=option_id)
 def test_every_option_arrives_from_the_command_line(table, option, command):
-    (study,) = command(*words(option)).arguments
+    with_it = [] if not option.needs else ["--" + option.needs[0], option.needs[1]]
+    (study,) = command(*words(option), *with_it).arguments
     assert getattr(study, option.name) == sample(option)
     others = {k: v for k, v in Study.options().items() if not isinstance(v, Picture)}
-    for name in others.keys() - {option.name}:
+    for name in others.keys() - {option.name, *(option.needs or ())}:
         assert getattr(study, name) == others[name].default
 
 
@@ -252,6 +255,7 @@ def test_every_option_of_reading_arrives(name, command, monkeypatch):
         ["--noise", "-1"],
         ["--edge-length", "inf"],
         ["--poisson", "0.5"],
+        ["--poisson", "0.45"],
         ["--refine", "-4"],
         ["--slice", "x:1"],
     ],

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from elastoidentify.fem import soundness
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 
 def square(n=4, kind="triangle"):
@@ -106,3 +108,32 @@ def test_a_field_in_random_order_is_rough_and_a_smooth_one_is_not():
     shuffled = np.random.default_rng(0).permutation(smooth)
     assert 0.7 < soundness.roughness(shuffled, ends) < 1.3
     assert soundness.roughness(np.ones_like(smooth), ends) == 0
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    make=st.sampled_from(MESHES),
+    parts=st.integers(2, 4),
+    seed=st.integers(0, 10**6),
+    shift=st.floats(-1e3, 1e3),
+    size=st.sampled_from([1e-3, 1.0, 1e3]),
+)
+def test_a_mesh_cut_into_any_parts_is_one_again(make, parts, seed, shift, size):
+    """Each part has nodes of its own, in any order; together they are the mesh before."""
+    points, [(kind, nodes)] = make[0](kind=make[1])
+    random = np.random.default_rng(seed)
+    part = random.integers(parts, size=len(nodes))
+    places, cells, start = [], np.empty_like(nodes), 0
+    for number in np.unique(part):
+        used, renamed = np.unique(nodes[part == number], return_inverse=True)
+        order = random.permutation(len(used))
+        places.append(points[used[order]])
+        cells[part == number] = start + np.argsort(order)[renamed.reshape(-1, nodes.shape[1])]
+        start += len(used)
+    scattered = size * (np.concatenate(places) + shift)
+    first = soundness.coincident(scattered, [(kind, cells)])
+    assert len(np.unique(first[cells])) == len(np.unique(nodes))
+    merged = [(kind, first[cells])]
+    assert soundness.pieces(len(scattered), merged)[0] == 1
+    assert soundness.overlaps(scattered, merged) is None
+    assert np.allclose(scattered[first], scattered, atol=1e-4 * size)

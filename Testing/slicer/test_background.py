@@ -13,6 +13,7 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
+from elastoidentify import pipeline  # noqa: E402
 from elastoidentify.workers.job import BackgroundJob, State  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import Request  # noqa: E402
@@ -22,7 +23,7 @@ from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 BUSY = """
 import runpy, sys, time
 from elastoidentify import pipeline
-pipeline.make_mesh = lambda job, report: (report(0.5, "busy"), time.sleep(60))
+pipeline.make_mesh = lambda study, progress: (progress(0.5, "busy"), time.sleep(60))
 del sys.argv[1:3]  # -c and the code
 runpy.run_module("elastoidentify.workers.job", run_name="__main__")
 """
@@ -60,7 +61,7 @@ def running(pid):
 def test_cancel_ends_the_interpreter_behind_the_launcher_and_does_not_wait(launched):
     launched.with_name("busy.py").write_text(BUSY)
     inputs, _ = sample.add_exact_push()
-    job = BackgroundJob("make_mesh", Request(**inputs).job())
+    job = BackgroundJob(pipeline.make_mesh, Request(**inputs).study())
     until = time.monotonic() + 60
     while job.text != "busy" and time.monotonic() < until:
         assert job.poll() is State.RUNNING

@@ -8,15 +8,24 @@ import pytest
 
 slicer = pytest.importorskip("slicer")
 
+import option_samples  # noqa: E402
 import vtk  # noqa: E402
 from elastoidentify import InputError, identify  # noqa: E402
 from elastoidentify.errors import Cancelled  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
-from elastoidentify.pipeline import cell_blocks, run  # noqa: E402
-from ElastoIdentifyLib import images, outputs, sample  # noqa: E402
-from ElastoIdentifyLib.request import KNOWN, Material, Request  # noqa: E402
+from elastoidentify.options import keywords  # noqa: E402
+from elastoidentify.pipeline import cell_blocks, known_by_label, run  # noqa: E402
+from elastoidentify.study import IdentificationOptions  # noqa: E402
+from elastoidentify.vtk_io.arrays import read_report  # noqa: E402
+from ElastoIdentifyLib import images, outputs, parameters, sample  # noqa: E402
+from ElastoIdentifyLib.request import (  # noqa: E402
+    KNOWN,
+    Material,
+    Request,
+    materials_to_text,
+)
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic, ElastoIdentifyTest, loadSample  # noqa: E402
@@ -66,19 +75,19 @@ def test_map_equals_the_librarys_in_lps():
     inputs, _ = sample.add_exact_push()
     result = ElastoIdentifyLogic().process(**inputs)
     request = Request(**inputs)
-    job = request.job()
+    study = request.study()
     mesh = mesh_segmentation(
-        in_lps(job.segmentation), job.edge_length, rigid_labels=job.rigid_labels
+        in_lps(study.segmentation), study.edge_length, rigid_labels=study.rigid_labels
     )
     shifts = images.nodal_displacements(request.transforms, mesh.points * FLIP, False)
     direct = identify(
         mesh.points,
         cell_blocks(mesh.cells),
         shifts * FLIP,
-        job.known,
+        known_by_label(study),
         labels=mesh.labels,
         reaction_nodes=mesh.reaction_nodes.astype(bool),
-        **job.options,
+        **keywords(study, IdentificationOptions),
     )
     grid = result.model.GetMesh()
     assert np.allclose(vtk_to_numpy(grid.GetPoints().GetData()), mesh.points * FLIP, atol=1e-9)
@@ -207,7 +216,7 @@ def test_a_whole_volume_gives_tetrahedra_and_its_known_affine_answer():
 def test_inputs_are_left_alone_and_temporary_nodes_are_gone():
     inputs, _ = sample.add_exact_push()
     before = node_ids()
-    Request(**inputs).job()
+    Request(**inputs).study()
     assert node_ids() == before
 
 
@@ -240,7 +249,7 @@ def test_failure_leaves_the_scene_as_it_was_and_says_why():
         ({"materials": {}}, "say which segment is known"),
         ({"materials": {"pad": Material(KNOWN, -1.0, 0.3)}}, "Young's modulus of pad"),
         ({"materials": {"pad": Material(KNOWN, 1.0, 0.5)}}, "Poisson's ratio of pad"),
-        ({"edgeLength": 0.0}, "edge length must be positive"),
+        ({"edgeLength": -1.0}, "edge length must be positive"),
         (
             {
                 "materials": {
@@ -279,11 +288,12 @@ def test_table_holds_the_statistics_of_each_segment():
         ]
         for c in range(table.GetNumberOfColumns())
     }
-    assert column["Segment"] == ["pad", "tissue"]
-    assert column["Role"] == ["known", "unknown"]
+    assert column["name"] == ["pad", "tissue"]
+    assert column["given"] == ["1", "0"]
+    assert column["unit"] == ["kPa", "kPa"]
     labels = cell_data(result, "Label")
-    assert [int(n) for n in column["Cells"]] == [(labels == 2).sum(), (labels == 3).sum()]
-    medians = [float(value) for value in column["YoungModulus median (kPa)"]]
+    assert [int(n) for n in column["cells"]] == [(labels == 2).sum(), (labels == 3).sum()]
+    medians = [float(value) for value in column["YoungModulus median"]]
     assert np.allclose(medians, [young[2], young[3]], rtol=1e-6)
     series = result.chart.GetNthPlotSeriesNode(0)
     assert series.GetYColumnName() in column
@@ -381,7 +391,7 @@ def test_a_saved_scene_comes_back_whole(tmp_path):
     (chart,) = slicer.util.getNodesByClass("vtkMRMLPlotChartNode")
     series = chart.GetNthPlotSeriesNode(0)
     assert series.GetTableNode() is tables[0]
-    assert series.GetYColumnName() == "Mu median (kPa)"
+    assert series.GetYColumnName() == "Mu mean"
     assert all(not node.GetDisplayNode().GetVisibility() for node in transforms)
 
 
@@ -474,12 +484,12 @@ def test_oblique_phantom_from_images_to_the_map():
     report = ElastoIdentifyLogic.report(result)
     assert "cells identified" in report
 
-    job = Request(**inputs).job()
-    job.rest, job.segmentation = in_lps(job.rest), in_lps(job.segmentation)
-    job.pushed = [in_lps(image) for image in job.pushed]
-    assert np.allclose(job.rest.origin, phantom.rest.origin)
-    assert np.allclose(job.rest.direction, phantom.rest.direction)
-    outcome = run(job)
+    study = Request(**inputs).study()
+    study.rest, study.segmentation = in_lps(study.rest), in_lps(study.segmentation)
+    study.pushed = [in_lps(image) for image in study.pushed]
+    assert np.allclose(study.rest.origin, phantom.rest.origin)
+    assert np.allclose(study.rest.direction, phantom.rest.direction)
+    outcome = run(study)
     grid = result.model.GetMesh()
     points = vtk_to_numpy(grid.GetPoints().GetData())
     assert np.allclose(points, outcome.mesh.points * FLIP, atol=1e-9)
@@ -498,3 +508,57 @@ def test_no_file_stays_behind(tmp_path, monkeypatch):
     inputs, _ = sample.add_exact_push()
     ElastoIdentifyLogic().process(**inputs)
     assert os.listdir(tmp_path) == []
+
+
+# ---- every option of the table
+
+
+@pytest.mark.parametrize("name", parameters.options())
+def test_every_option_arrives_from_the_parameter_node_in_the_study(name):
+    inputs, _ = sample.add_exact_push()
+    node = ElastoIdentifyLogic().getParameterNode()
+    option = parameters.options()[name]
+    for field, value in inputs.items():
+        if field in ("restVolume", "segmentation", "transforms"):
+            setattr(node, field, value)
+    node.useTransforms = True
+    node.materials = materials_to_text(inputs["materials"])
+    if name == "slice_index":  # the block is one slice: the option is that of volumes
+        node.sliceIndex = 3
+        assert ElastoIdentifyLogic.request(node).sliceIndex == 3
+        return
+    plain = getattr(ElastoIdentifyLogic.request(node).study(), name)
+    start = option.default if option.form_start is None else option.form_start
+    assert plain == start
+    setattr(node, parameters.field(name), option_samples.sample(option))
+    study = ElastoIdentifyLogic.request(node).study()
+    assert getattr(study, name) == option_samples.sample(option) != start
+
+
+def test_images_boxes_and_materials_arrive_in_the_study():
+    inputs, _ = sample.add_exact_push()
+    rest = inputs["restVolume"]
+    mask = slicer.util.addVolumeFromArray(np.ones((1, 40, 40), np.uint8), np.eye(4), "Mask")
+    push = slicer.util.addVolumeFromArray(np.full((1, 40, 40), 7, np.int16), np.eye(4), "Push")
+    roi = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsROINode", "Contact")
+    roi.SetXYZ(1.0, 2.0, 3.0)
+    roi.SetRadiusXYZ(4.0, 5.0, 6.0)
+    node = ElastoIdentifyLogic().getParameterNode()
+    node.restVolume, node.segmentation, node.maskVolume = rest, inputs["segmentation"], mask
+    node.pushedVolumes, node.reactionRois = [push], [roi]
+    node.materials = materials_to_text(inputs["materials"])
+    study = ElastoIdentifyLogic.request(node).study()
+    assert study.mask.array.all()
+    assert [image.array[0, 0, 0] for image in study.pushed] == [7]
+    assert np.allclose(study.reaction_boxes, [(-3, 5, -3, 7, -3, 9)])
+    assert study.known_materials == ((2, 5.0, 0.3),)
+    assert study.rigid_labels == (1, 4)
+
+
+def test_the_map_says_how_it_was_made_and_by_whom():
+    inputs, _ = sample.add_exact_push()
+    grid = ElastoIdentifyLogic().process(**inputs).model.GetMesh()
+    made = read_report(grid, "provenance")
+    assert made["inputs"]["rest"]["name"] == inputs["restVolume"].GetName()
+    assert made["options"]["method"] == "global"
+    assert made["options"]["known_materials"] == [[2, 5.0, 0.3]]

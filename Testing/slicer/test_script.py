@@ -54,8 +54,8 @@ def test_the_script_goes_from_the_phantom_to_the_files(exits, monkeypatch, tmp_p
     assert "cells identified" in capsys.readouterr().out
 
     title, *lines = (tmp_path / "segments.tsv").read_text().splitlines()
-    column = title.split("\t").index("YoungModulus median (kPa)")
-    median = {line.split("\t")[0]: float(line.split("\t")[column]) for line in lines}
+    name, column = (title.split("\t").index(c) for c in ("name", "YoungModulus median"))
+    median = {line.split("\t")[name]: float(line.split("\t")[column]) for line in lines}
     assert median["pad"] == pytest.approx(5.0)
     assert median["tissue"] == pytest.approx(3.0, rel=0.25)
     assert median["inclusion"] / median["tissue"] == pytest.approx(3.0, rel=0.25)

@@ -12,7 +12,9 @@ from elastoidentify.fem.forward import solve_push  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
 from elastoidentify.imaging.phantom import Ball, make_phantom_volume  # noqa: E402
-from elastoidentify.pipeline import cell_blocks, make_mesh  # noqa: E402
+from elastoidentify.options import keywords  # noqa: E402
+from elastoidentify.pipeline import cell_blocks, known_by_label, make_mesh  # noqa: E402
+from elastoidentify.study import IdentificationOptions  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.request import KNOWN, RIGID, Material, Request  # noqa: E402
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy  # noqa: E402
@@ -103,7 +105,7 @@ def spline(points, displacement):
 def solid():
     """Inputs with exact transforms, and the result."""
     inputs = block()
-    mesh = make_mesh(Request(**inputs, transforms=[None]).job())
+    mesh = make_mesh(Request(**inputs, transforms=[None]).study())
     inputs["transforms"] = [spline(mesh.points, shift) for shift in pushes(mesh)]
     return inputs, mesh, ElastoIdentifyLogic().process(**inputs)
 
@@ -123,10 +125,10 @@ def test_the_map_of_an_oblique_heterogeneous_volume_is_the_truth_and_the_library
     assert np.abs(cell_data(result, "YoungModulus") / truth - 1)[status > 0].max() < 1e-7
 
     # the same from the arrays in the LPS world of files
-    job = Request(**inputs).job()
-    image = job.segmentation
+    study = Request(**inputs).study()
+    image = study.segmentation
     lps = Image(image.array, FLIP * image.origin, image.spacing, FLIP[:, None] * image.direction)
-    there = mesh_segmentation(lps, job.edge_length, rigid_labels=job.rigid_labels)
+    there = mesh_segmentation(lps, study.edge_length, rigid_labels=study.rigid_labels)
     points = vtk_to_numpy(result.model.GetMesh().GetPoints().GetData())
     assert np.allclose(points, there.points * FLIP, atol=1e-9)
     shifts = images.nodal_displacements(inputs["transforms"], there.points * FLIP, False) * FLIP
@@ -134,10 +136,10 @@ def test_the_map_of_an_oblique_heterogeneous_volume_is_the_truth_and_the_library
         there.points,
         cell_blocks(there.cells),
         shifts,
-        job.known,
+        known_by_label(study),
         labels=there.labels,
         reaction_nodes=there.reaction_nodes.astype(bool),
-        **job.options,
+        **keywords(study, IdentificationOptions),
     )
     assert (direct.status == status).all()
     for name, values in (("Mu", direct.mu), ("Lambda", direct.lam), ("YoungModulus", direct.young)):
@@ -149,14 +151,13 @@ def test_table_transforms_and_open_cells_of_a_volume(solid):
     status = cell_data(result, "Status")
     table = result.table.GetTable()
     rows = {
-        table.GetValueByName(row, "Segment").ToString(): row
-        for row in range(table.GetNumberOfRows())
+        table.GetValueByName(row, "name").ToString(): row for row in range(table.GetNumberOfRows())
     }
     assert list(rows) == ["pad", "tissue", "inclusion"]
-    median = table.GetValueByName(rows["inclusion"], "YoungModulus median (kPa)").ToDouble()
+    median = table.GetValueByName(rows["inclusion"], "YoungModulus median").ToDouble()
     assert median == pytest.approx(30.0, rel=1e-6)
     tissue = (mesh.labels == TISSUE) & (status == 2)
-    median = table.GetValueByName(rows["tissue"], "YoungModulus median (kPa)").ToDouble()
+    median = table.GetValueByName(rows["tissue"], "YoungModulus median").ToDouble()
     assert median == pytest.approx(np.median(stiffness(mesh)[tissue]), rel=1e-5)
     if (status == 0).any():
         assert np.isnan(cell_data(result, "Mu")[status == 0]).all()

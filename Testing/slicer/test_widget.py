@@ -8,6 +8,7 @@ import pytest
 slicer = pytest.importorskip("slicer")
 
 import qt  # noqa: E402
+from elastoidentify.study import Study  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import ROLES, materials_from_text  # noqa: E402
 from PySide6 import QtWidgets  # noqa: E402
@@ -84,8 +85,9 @@ def test_every_parameter_named_in_the_ui_exists_and_every_parameter_has_its_widg
     }
     parameters = set(module.ElastoIdentifyParameterNode.allParameters)
     assert connected <= parameters
-    # two lists and the table have code of their own
-    assert parameters - connected == {"pushedVolumes", "transforms", "materials"}
+    # lists and the table have code of their own
+    by_code = {"pushedVolumes", "transforms", "reactionRois", "materials"}
+    assert parameters - connected == by_code
 
 
 def test_apply_says_what_is_missing_one_thing_after_another(panel):
@@ -122,6 +124,7 @@ def test_apply_says_what_is_missing_one_thing_after_another(panel):
 def test_a_click_calls_the_logic_with_the_chosen_values(panel, monkeypatch):
     inputs, _ = fill(panel)
     panel.ui.kinematicsComboBox.setCurrentText("neo-hookean")
+    panel.ui.unknownsComboBox.setCurrentText("young")
     panel.ui.noiseSpinBox.setValue(0.25)
     panel.ui.sliceIndexSpinBox.setValue(3)
     panel.ui.unitComboBox.setCurrentText("Pa")
@@ -137,15 +140,16 @@ def test_a_click_calls_the_logic_with_the_chosen_values(panel, monkeypatch):
     assert roles == {"indenter": "rigid", "pad": "known", "tissue": "unknown", "floor": "rigid"}
     assert (request.materials["pad"].young, request.materials["pad"].poisson) == (5.0, 0.3)
     assert (request.edgeLength, request.sliceIndex, request.unit) == (6.0, 3, "Pa")
-    assert request.options == {
+    said = {
         "method": "global",
         "kinematics": "neo-hookean",
-        "plane": "strain",
         "unknowns": "young",
-        "grouping": "cell",
         "poisson_ratio": 0.3,
         "noise": 0.25,
     }
+    plain = Study().values()
+    assert request.options == {name: said.get(name, plain[name]) for name in request.options}
+    assert said.keys() < request.options.keys()
 
 
 def test_from_a_click_to_the_map(panel):

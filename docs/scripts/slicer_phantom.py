@@ -24,7 +24,6 @@ try:
         pushedVolumes=pushed,
         segmentation=segmentation,  # its segments say which is the pad, and how stiff
         edgeLength=7.0,  # mm, about twelve voxels
-        options={"unknowns": "young", "poisson_ratio": 0.45},
         progress=lambda fraction, text: print(f"{100 * fraction:3.0f} % {text}"),
     )
     print(logic.report(result))

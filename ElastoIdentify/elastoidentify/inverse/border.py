@@ -467,18 +467,12 @@ def motion_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
 def _unit_notes(u, size, trial):
     """Compare displacements (n, d) with the size of their mesh."""
     spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
-    if spread > size > 0:
-        raise InputError(
-            f"the displacements of trial {trial} differ by up to {spread:.3g} on a mesh of size "
-            f"{size:.3g}: bring both to one unit of length (mm and m?), or give displacements, not "
-            "positions"
-        )
-    if 0 < spread < SMALL_PUSH * size:
-        return [
-            f"the displacements of trial {trial} differ by {spread:.2g} only on a mesh of size "
-            f"{size:.3g}: are both in one unit of length?"
-        ]
-    return []
+    if SMALL_PUSH * size <= spread <= size or not spread:
+        return []
+    return [
+        f"the displacements of trial {trial} differ by {spread:.2g} on a mesh of size {size:.3g}: "
+        "are both in one unit of length?"
+    ]
 
 
 def folded_cells(mesh: Mesh, u: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ RICHARDSON = 4 / 3  # 1 / (1 − 2⁻²)
 # free degrees of freedom of the finer solution beyond which it costs too much
 MOST = {(2, "superlu"): 300_000, (3, "superlu"): 45_000, (3, "pardiso"): 150_000}
 CHILDREN = {2: 4, 3: 8}
+FAR_LARGER = 100.0
 NOTABLE, SHARE = 0.03, 0.05  # a shift of μ, and the share of cells, that are worth a sentence
 
 
@@ -44,6 +45,15 @@ def defect(forward: Equilibrium, state: State, tell=None) -> list[np.ndarray] | 
     # both orders are by node, free ones first, and the finer mesh keeps the nodes' numbers
     gap = solved[fine.coarse] - state.eta[forward.coarse]
     return list(RICHARDSON * gap.T[:, :, None])
+
+
+def contradicted(gap: list[np.ndarray], residuals: list[np.ndarray]) -> bool:
+    """Tell whether the data were made with these very cells: their error is nowhere in them.
+
+    A fit can take a part of the cells' error for stiffness, never nearly all of it.
+    """
+    size, left = (np.sqrt(sum((one**2).sum() for one in each)) for each in (gap, residuals))
+    return bool(size > FAR_LARGER * left)
 
 
 def _start(forward, fine, state):

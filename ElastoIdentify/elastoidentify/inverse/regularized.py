@@ -22,7 +22,7 @@ import numpy as np
 
 from ..progress import Progress, silent
 from .equilibrium import Equilibrium
-from .mesh_bias import affordable, bias_warning, defect
+from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
 from .parameterization import LogParameters
@@ -197,7 +197,7 @@ class _Fit:
         self.bias = None
         self.at = (0.98, "regularized: error of the cells")
         gap = affordable(self.forward) and defect(self.forward, self.state, self.tell)
-        if not gap:
+        if not gap or contradicted(gap, [one.residual for one in self.misfit.terms[0]]):
             return
         if not len(self.variation):  # else the system is that of the last samples
             self.factorise()

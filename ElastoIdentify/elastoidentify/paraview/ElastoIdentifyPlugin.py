@@ -112,14 +112,7 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
         "GetDisplacementArraySelection",
         "The trials: point arrays with the displacement of every node.",
     ),
-    panel.settings(
-        filters.LameIdentification,
-        {
-            "poisson_ratio": panel.optional_number(
-                filters.LameIdentification.poisson_ratio, 0.45, panel.shown_if("Unknowns", "young")
-            )
-        },
-    ),
+    panel.settings(filters.LameIdentification),
     panel.last_error(),
 )
 class LameIdentification(filters.LameIdentification):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from xml.sax.saxutils import escape, quoteattr
 
 from ..filters.base import Filter, Port
-from ..options import Choice, File, Flag, Number, Option, Rows, Text, Vector
+from ..options import Choice, File, Flag, Number, Option, Rows, Text, Vector, pascal
 
 
 def documentation(filter_class: type[Filter]) -> str:
@@ -103,9 +103,10 @@ def shown_if(property_name: str, value: str) -> str:
 # ---- one function per kind of option
 
 
-def _number(option: Number, hints: str = "", default=None) -> str:
+def _number(option: Number) -> str:
     kind = "Int" if option.kind is int else "Double"
-    start = option.default if default is None else default
+    start = option.default if option.form_start is None else option.form_start
+    hints = shown_if(pascal(option.needs[0]), option.needs[1]) if option.needs else ""
     bounds = "".join(
         f' {name}="{bound:g}"'
         for name, bound in (("min", option.minimum), ("max", option.maximum))
@@ -116,11 +117,6 @@ def _number(option: Number, hints: str = "", default=None) -> str:
       <{kind}RangeDomain name="range"{bounds}/>
       {_text(option.__doc__)}{_hints(hints)}
     </{kind}VectorProperty>"""
-
-
-def optional_number(option: Number, default: float, hints: str = "") -> str:
-    """Return the property of a number that has no default of its own."""
-    return _number(option, hints, default)
 
 
 def _choice(option: Choice) -> str:

@@ -27,6 +27,7 @@ GHOSTS = "vtkGhostType"
 DUPLICATE, HIDDEN = 1, 32  # bits of vtkGhostType of a cell that is another process' or blanked
 NEAR_WHOLE = 1e-3
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
+ABSURD = 1e100  # no coordinate: its square would be no number
 
 
 def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
@@ -46,8 +47,11 @@ def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str
     if len({CELL_TYPES[kind].dim for kind, _ in blocks}) > 1:
         raise InputError("the mesh mixes planar and solid cells: keep cells of one dimension")
     points = mesh_points(grid)
-    if not np.isfinite(points[np.concatenate([nodes.ravel() for _, nodes in blocks])]).all():
-        raise InputError("the position of a node is not a finite number: repair the mesh")
+    corners = points[np.concatenate([nodes.ravel() for _, nodes in blocks])]
+    if not (np.abs(corners) < ABSURD).all():
+        raise InputError(
+            "the position of a node is not a number, or absurdly large: repair the mesh"
+        )
     first = soundness.coincident(points, blocks)
     doubled = first != np.arange(len(points))
     if doubled.any():
@@ -153,6 +157,31 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
             )
         found.append(full)
     return np.stack(found)
+
+
+def check_unit(
+    mesh: vtkUnstructuredGrid,
+    displacements: np.ndarray,
+    trials: list[str],
+    weights: np.ndarray | None = None,
+) -> None:
+    """Refuse displacements (t, n, 3) that differ by more than the mesh measures: another unit.
+
+    Those of a trial without any weight (t, n, 3, 3) may be anything.
+    """
+    blocks, _ = mesh_blocks(mesh)
+    used = np.unique(np.concatenate([nodes.ravel() for _, nodes in blocks]))
+    size = float(np.linalg.norm(np.ptp(mesh_points(mesh)[used], axis=0)))
+    for k, (u, name) in enumerate(zip(displacements[:, used], trials, strict=True)):
+        if weights is not None and not weights[k].any():
+            continue
+        spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
+        if spread > size > 0:
+            raise InputError(
+                f"the displacements {name!r} differ by up to {spread:.3g} on a mesh of size "
+                f"{size:.3g}: bring both to one unit of length (mm and m?), or give displacements, "
+                "not positions"
+            )
 
 
 # ---- mending

@@ -18,7 +18,7 @@ from .arrays import (
     write_provenance,
     write_registration,
 )
-from .checks import cell_labels, information, reaction_nodes, sound_mesh
+from .checks import cell_labels, check_unit, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
 
 
@@ -57,6 +57,8 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
             "further trial"
         )
     displacements = np.stack([displacement_of(mesh, name) for name in trials])
+    weights = information(mesh, trials)
+    check_unit(mesh, displacements, trials, weights)
     labels = cell_labels(mesh)
     result = pipeline.identify_mesh(
         options,
@@ -67,7 +69,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         labels=None if labels is None else labels[order],
         reaction_nodes=reaction_nodes(mesh),
         outer_border=outer_border_of(mesh),
-        information=information(mesh, trials),
+        information=weights,
         progress=progress,
     )
     result.report["warnings"] = notes + result.report["warnings"]

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
 from ..errors import InputError
 
 SIZES = {f"{sign}Int{bits}": bits // 8 for sign in ("", "U") for bits in (8, 16, 32, 64)} | {
@@ -30,6 +32,10 @@ SIZES = {f"{sign}Int{bits}": bits // 8 for sign in ("", "U") for bits in (8, 16,
 MOST_COMPRESSION = {"vtkZLibDataCompressor": 1040, "vtkLZ4DataCompressor": 260}
 """Bytes that one compressed byte can hold at most, by the compressor's format."""
 OTHER_COMPRESSION = 20_000
+
+
+LISTS = ("Cells", "Verts", "Lines", "Strips", "Polys")
+"""Elements with the nodes of cells, one after the other (connectivity), and where each ends."""
 
 
 @dataclass
@@ -102,6 +108,9 @@ def _check(data) -> str:
     for piece in root.iter("Piece"):
         for array, count in _counted(piece):
             _check_array(array, count, file)
+        for cells in piece:
+            if cells.tag in LISTS:
+                _check_offsets(cells, file)
     return root.attrib.get("type", "")
 
 
@@ -159,16 +168,7 @@ def _check_array(array, count: int | None, file: _File) -> None:
         elif count is not None and kind != "Bit" and len(words) < count:
             raise _Broken(f"array {name!r} has fewer than the {count} values that it claims")
         return
-    if form == "appended":
-        offset = int(attributes["offset"])
-        if not 0 <= offset <= file.end - file.start:
-            raise _Broken(f"array {name!r} begins beyond the end of the file")
-        raw = memoryview(file.data)[file.start + offset : file.end]
-        encoded = file.base64
-    elif form == "binary":
-        raw, encoded = memoryview((array.text or "").strip().encode()), True
-    else:
-        raise _Broken(f"array {name!r} has the unknown format {form!r}")
+    raw, encoded = _raw(array, file)
     try:
         found = _bytes_of(raw, encoded, file)
         if kind == "String" and found is not None:
@@ -181,6 +181,52 @@ def _check_array(array, count: int | None, file: _File) -> None:
         raise _Broken(f"array {name!r} is cut short or damaged")
     if count is not None and kind != "Bit" and found != count * SIZES[kind]:
         raise _Broken(f"array {name!r} holds {found // SIZES[kind]} values and claims {count}")
+
+
+def _raw(array, file: _File) -> tuple[memoryview, bool]:
+    """Return the bytes of the file from where an array begins, and whether they are base64."""
+    attributes = array.attrib
+    name, form = attributes.get("Name", "?"), attributes.get("format", "ascii")
+    if form == "appended":
+        offset = int(attributes["offset"])
+        if not 0 <= offset <= file.end - file.start:
+            raise _Broken(f"array {name!r} begins beyond the end of the file")
+        return memoryview(file.data)[file.start + offset : file.end], file.base64
+    if form == "binary":
+        return memoryview((array.text or "").strip().encode()), True
+    raise _Broken(f"array {name!r} has the unknown format {form!r}")
+
+
+def _check_offsets(cells, file: _File) -> None:
+    """Raise unless the cells' ends rise to the number of their nodes: VTK makes room by them."""
+    arrays = {array.attrib.get("Name"): array for array in cells}
+    if "offsets" not in arrays or "connectivity" not in arrays:
+        if len(cells):
+            raise _Broken("its cells have no nodes")
+        return
+    offsets = _whole_numbers(arrays["offsets"], file)
+    last = int(offsets[-1]) if len(offsets) else 0
+    if len(offsets) and (offsets[0] < 0 or (np.diff(offsets) < 0).any()):
+        raise _Broken("its cells end before they begin")
+    if last != len(_whole_numbers(arrays["connectivity"], file)):
+        raise _Broken("its cells have more or fewer nodes than are listed")
+
+
+def _whole_numbers(array, file: _File) -> np.ndarray:
+    """Return the values of an array of integers."""
+    kind = array.attrib["type"]
+    if "Int" not in kind:
+        raise _Broken(f"array {array.attrib.get('Name')!r} has no whole numbers")
+    if array.attrib.get("format", "ascii") == "ascii":
+        return np.array([int(word) for word in (array.text or "").split()], np.int64)
+    raw, encoded = _raw(array, file)
+    try:
+        content = _unpacked(raw, encoded, file)
+    finally:
+        raw.release()
+    dtype = np.dtype(f"{'u' if kind[0] == 'U' else ''}int{8 * SIZES[kind]}")
+    values = np.frombuffer(content, dtype.newbyteorder(file.order))
+    return values.astype(np.int64)
 
 
 def _check_texts(name: str, ends: int, closed: bool, count: int | None) -> None:
@@ -229,7 +275,7 @@ def _decoded(raw, size: int, start: int = 0) -> bytes:
 
 
 def _unpacked(raw, encoded: bool, file: _File) -> bytes:
-    """Return the bytes of an array (of texts, which are short)."""
+    """Return the bytes of an array."""
     item = struct.calcsize(file.header)
     if file.compressor is None:
         (size,) = _numbers(raw, 1, encoded, file)
@@ -245,7 +291,7 @@ def _unpacked(raw, encoded: bool, file: _File) -> bytes:
     else:
         body = bytes(raw[start : start + sum(packed)])
     unpack = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
-    found, at = b"", 0
+    found, at = [], 0
     for number, length in enumerate(packed):
         size = last if last and number == blocks - 1 else full
         block = body[at : at + length]
@@ -255,8 +301,9 @@ def _unpacked(raw, encoded: bool, file: _File) -> bytes:
             raise _Broken("a compressed block does not unpack") from None
         if len(plain) != size:
             raise _Broken("a compressed block has another length than it claims")
-        found, at = found + plain, at + length
-    return found
+        found.append(plain)
+        at += length
+    return b"".join(found)
 
 
 def _from_lz4(block: bytes) -> bytes:
@@ -286,6 +333,8 @@ def _from_lz4(block: bytes) -> bytes:
         repeat = length(token & 15) + 4
         if not 0 < offset <= len(made):
             raise IndexError("an offset before the beginning")
-        for _ in range(repeat):
-            made.append(made[-offset])
+        while repeat > 0:  # what is copied may be what was just written
+            piece = made[-offset:][:repeat]
+            made += piece
+            repeat -= len(piece)
     return bytes(made)

@@ -281,8 +281,9 @@ class ElastixProcess:
         points: np.ndarray,
         *,
         mask: np.ndarray | None = None,
+        warp: bool = True,
         progress: Progress | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Register two images of the same grid; the first voxel centre is the origin.
 
         Parameters
@@ -296,12 +297,14 @@ class ElastixProcess:
             Ordered i, j(, k).
         mask : uint8, shape of `fixed`, optional
             Samples are drawn where it is not 0.
+        warp : bool
+            Whether the warped image is wanted.
 
         Returns
         -------
         mapped : (n, d)
             T(points), the exact transform: where each point of `fixed` is in `moving`.
-        warped : float32, shape of `fixed`
+        warped : float32, shape of `fixed`, or None
             `moving` resampled at T(voxel centres).
 
         Raises
@@ -320,7 +323,7 @@ class ElastixProcess:
             "mask": None if mask is None else np.ascontiguousarray(mask, np.uint8),
             "points": np.ascontiguousarray(points, np.float64),
         }
-        header = {"maps": maps, "spacing": [float(step) for step in spacing]}
+        header = {"maps": maps, "spacing": [float(step) for step in spacing], "warp": warp}
         try:
             elastix_engine.send(self._process.stdin, header, arrays)
             answer = self._wait(progress or silent, lambda: (self._log.fraction, self._log.text))
@@ -329,7 +332,7 @@ class ElastixProcess:
         except BaseException:  # cancelled, or the worker is gone: never to be used again
             self.close()
             raise
-        return answer["mapped"], answer["warped"]
+        return answer["mapped"], answer.get("warped")
 
     def close(self) -> None:
         """End the worker, whatever it does at the moment. The guard removes its directory."""

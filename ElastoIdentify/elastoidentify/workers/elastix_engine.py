@@ -57,6 +57,8 @@ def receive(stream):
 
 # --- the engine: one registration per command ------------------------------------------------
 
+NOT_WARPED = {"WriteResultImage": ["false"]}
+
 
 def itk_image(itk, array, spacing):
     """An ITK image with its first voxel at the origin. `spacing` is ordered like ITK: i, j(, k)."""
@@ -66,14 +68,16 @@ def itk_image(itk, array, spacing):
 
 
 def run_elastix(itk, header, arrays):
-    """Register `moving` to `fixed`, return T(points) and the moving image warped onto the fixed."""
+    """Register `moving` to `fixed`, return T(points) and, if asked for, the moving image warped."""
     import numpy as np
 
     spacing = header["spacing"]
     fixed, moving = (itk_image(itk, arrays[name], spacing) for name in ("fixed", "moving"))
     maps = itk.ParameterObject.New()
+    warp = header.get("warp", True)
     for parameter_map in header["maps"]:
-        maps.AddParameterMap(parameter_map)
+        # warping a large volume takes as long as registering it
+        maps.AddParameterMap(parameter_map if warp else {**parameter_map, **NOT_WARPED})
     method = itk.ElastixRegistrationMethod[type(fixed), type(moving)].New()
     method.SetFixedImage(fixed)
     method.SetMovingImage(moving)
@@ -86,10 +90,10 @@ def run_elastix(itk, header, arrays):
     transform = method.GetCombinationTransform().TransformPoint
     points = arrays["points"]
     mapped = [tuple(transform(point)) for point in points.tolist()]
-    return {
-        "mapped": np.array(mapped, float).reshape(points.shape),
-        "warped": itk.array_from_image(method.GetOutput()).astype(np.float32),
-    }
+    result = {"mapped": np.array(mapped, float).reshape(points.shape)}
+    if warp:
+        result["warped"] = itk.array_from_image(method.GetOutput()).astype(np.float32)
+    return result
 
 
 def engine():

@@ -41,17 +41,21 @@ def names(kind):
 
 
 def workers():
-    """Return the command lines of the processes that work for the module."""
-    lines = []
-    for path in glob.glob("/proc/[0-9]*/cmdline"):
+    """Return the Pythons that this process, or one of them, has started and that still run."""
+    parents = {}
+    for path in glob.glob("/proc/[0-9]*/stat"):
         try:
-            text = Path(path).read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            state, parent = Path(path).read_text().rsplit(")", 1)[1].split()[:2]
+            command = Path(path).with_name("cmdline").read_bytes().decode(errors="replace")
         except OSError:
-            continue
-        if "elastoidentify" in text and "python" in text and str(os.getpid()) not in path:
-            parent = Path(path).with_name("stat").read_text().rsplit(")", 1)[1].split()[1]
-            lines.append((int(parent), text))
-    return [text for _, text in lines if " -m elastoidentify" in text or "elastix_worker" in text]
+            continue  # it has just ended
+        if state != "Z":
+            parents[int(Path(path).parent.name)] = int(parent), command
+    found, new = {}, {os.getpid()}
+    while new:
+        new = {pid for pid, (parent, _) in parents.items() if parent in new}
+        found |= {pid: parents[pid][1] for pid in new}
+    return [command for command in found.values() if "python" in command]
 
 
 def photo(name):

@@ -68,7 +68,7 @@ def make_pictures(folder: Path, small: bool = False) -> list[Path]:
     table = result.table.GetTable()
     for row in range(table.GetNumberOfRows()):
         cells = {table.GetColumnName(c): table.GetValue(row, c).ToString() for c in range(4)}
-        cells["Mu median"] = table.GetValueByName(row, "Mu median (kPa)").ToString()
+        cells["Mu mean"] = table.GetValueByName(row, "Mu mean").ToString()
         print(cells)
     return made
 

@@ -78,6 +78,8 @@ def read_voxels(path: Path) -> Voxels:
     if kind == "nifti":
         header = nifti.read_header(path)
         notes += nifti.placement_note(header)
+        if header.second:
+            raise InputError(f"{path}: a NIfTI-2 file, which ITK does not read; save it as NIfTI-1")
         if header.analyze:
             notes.append("the Analyze format does not say where left and right are")
     elif kind == "nrrd":

@@ -51,6 +51,8 @@ class NiftiHeader:
         Index to LPS, mm.
     analyze : bool
         The older format, which knows no placement.
+    second : bool
+        NIfTI-2.
     """
 
     size: tuple[int, ...]
@@ -61,6 +63,7 @@ class NiftiHeader:
     sform: np.ndarray | None
     qform: np.ndarray | None
     analyze: bool
+    second: bool
 
     @property
     def planar(self) -> bool:
@@ -219,7 +222,7 @@ def _parse(raw: bytes, voxels: Path) -> NiftiHeader:
     size = tuple(int(n) for n in dim[1 : dim[0] + 1])
     header = NiftiHeader(
         size, voxels, -(-math.prod(size) * BITS[datatype] // 8), max(int(offset), 0), pixdim,
-        None, None, analyze,
+        None, None, analyze, second,
     )  # fmt: skip
     if not analyze:
         (units,) = get("b", 123, 500, "i")

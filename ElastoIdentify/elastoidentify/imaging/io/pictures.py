@@ -26,6 +26,9 @@ MM = {
 """Units of length in millimetres."""
 
 PRINT = (72, 96, 100, 150, 180, 200, 240, 300, 400, 600, 1200)  # dots per inch of printers, screens
+ALIKE = (254, 258, 259, 262, 277, 284, 322, 323, 339)
+"""Tags that the pictures of a stack have in common; ITK's reader breaks down where they differ."""
+
 _MOST_PAGES = 100_000
 
 
@@ -66,11 +69,12 @@ def check_tiff(path: Path) -> tuple[tuple[float, float, float] | None, list[str]
             pages = _pages(path, stream, size)
     except (struct.error, OverflowError, MemoryError, KeyError, TypeError):
         raise damaged(path, "its tags do not make sense") from None
-    pages = [page for page in pages if not (page.get(254, 0) or 0) & 1]  # reduced copies
     if not pages:
         raise damaged(path, "it has no picture")
     if len({page.size for page in pages}) > 1:
         raise InputError(f"{path}: has pictures of several sizes; save one picture, or one stack")
+    if len({tuple(page.tags.get(tag) for tag in ALIKE) for page in pages}) > 1:
+        raise InputError(f"{path}: has pictures of several kinds; save one picture, or one stack")
     first = pages[0]
     numbers = [value for tag in (258, 262, 277, 282, 283, 296) for value in first.tags.get(tag, ())]
     if not all(isinstance(value, int | float) for value in numbers):

@@ -164,6 +164,12 @@ def stack(path: Path, frames: list[Frame], pixels: Callable[[Frame], np.ndarray]
     positions = np.array([one.position for one in frames])
     step = _check_steps(path, frames, positions, rows)
     notes += _numbering_notes(frames)
+    said = abs(frames[0].step or 0.0)
+    if said and step / said > 1.5 and abs(step / said - round(step / said)) < 0.05:
+        notes.append(
+            f"the slices are {step:.4g} mm apart and the files say {said:.4g} mm: every second one "
+            "or more may be missing"
+        )
     spacing = np.array([*frames[0].spacing, step])
     return Volume(frames, positions[0], spacing, rows.T, notes)
 
@@ -264,7 +270,7 @@ def _check_steps(path: Path, frames: list[Frame], positions: np.ndarray, rows: n
     """
     along = positions @ rows[2]
     steps = np.diff(along)
-    usual = float(np.median(steps))
+    usual = float(np.sort(steps)[(len(steps) - 1) // 2])  # of two, that without a gap
     rounding = np.sqrt(3) / 2 * _last_digit(one.digits[0] for one in frames)
     even = min(STEP_TOLERANCE * usual + rounding, MOST_TOLERANCE * usual)
     index = np.arange(len(along))

@@ -1,6 +1,8 @@
 """Output files: written whole or not at all, and checked before the work that fills them."""
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -65,7 +67,9 @@ def write_whole(path: Path, write: Callable[[Path], object], suffix: str | None 
         os.chmod(part, 0o666 & ~_umask())  # mkstemp makes it private, the user's file is not
         os.replace(part, path)
     except (OSError, RuntimeError) as error:
-        raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another") from None
+        full = isinstance(error, RuntimeError) and _is_full(path.parent)
+        reason = os.strerror(errno.ENOSPC) if full else _reason(error)
+        raise InputError(f"{path}: cannot be written ({reason}); choose another") from None
     finally:
         Path(part).unlink(missing_ok=True)
 
@@ -184,6 +188,14 @@ def _fill(stream, room: int) -> None:
     else:
         stream.write(bytes(room))
         stream.flush()
+
+
+def _is_full(folder: Path) -> bool:
+    """Tell whether hardly anything can be written any more, which libraries do not say."""
+    try:
+        return shutil.disk_usage(folder).free < 1 << 16
+    except OSError:
+        return False
 
 
 def _reason(error: Exception) -> str:

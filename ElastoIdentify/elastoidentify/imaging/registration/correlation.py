@@ -30,6 +30,8 @@ def refine_displacement(
     cells: np.ndarray,
     displacement: np.ndarray,
     spacing: np.ndarray | None = None,
+    *,
+    located: tuple | None = None,
 ) -> np.ndarray:
     """Correct measured displacements by what the images still differ in.
 
@@ -52,6 +54,8 @@ def refine_displacement(
         In voxels, right to about a voxel.
     spacing : (d,), optional
         Voxel size along i, j(, k), in any unit; default: cubes.
+    located : tuple, optional
+        What :func:`~.information.voxels_in_cells` returns, if it is known already.
 
     Returns
     -------
@@ -60,7 +64,7 @@ def refine_displacement(
     """
     dimension = rest.ndim
     spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
-    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing)
+    matrix, force = correlation_system(rest, pushed, points, cells, displacement, spacing, located)
     scale = matrix.diagonal().mean()
     if not scale > 0:  # images without texture
         return displacement.copy()
@@ -74,7 +78,7 @@ def refine_displacement(
     return displacement + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
 
 
-def correlation_system(rest, pushed, points, cells, displacement, spacing):
+def correlation_system(rest, pushed, points, cells, displacement, spacing, located=None):
     """The matrix M and the right-hand side Σ N ∇f (f − g(x + u)) of a Gauss–Newton step.
 
     Arguments as in :func:`refine_displacement`. Gradients per unit of `spacing`; unknowns ordered
@@ -85,12 +89,13 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing):
     matrix : csr_matrix, (n·d, n·d)
     force : (n·d,)
     """
-    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+    voxels, near, weights = located or voxels_in_cells(points, cells, rest.shape)
     here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
     there = here + np.einsum("va,vad->vd", weights, displacement[near])
     shown = ((there >= 0) & (there <= np.array(pushed.shape[::-1]) - 1)).all(1)
     voxels, near, weights, here, there = (a[shown] for a in (voxels, near, weights, here, there))
-    first, second = (_value_and_gradient(*pair) for pair in ((rest, here), (pushed, there)))
+    first = _value_and_gradient(rest, here, at_voxels=True)
+    second = _value_and_gradient(pushed, there)
     gain, offset = fit_grey_values(first[0], second[0])
     difference = first[0] - (gain * second[0] + offset)
     gradient = (first[1:] + gain * second[1:]) / 2 / spacing[:, None]
@@ -177,18 +182,24 @@ def _correlation_matrix(shape: sp.csr_matrix, gradient: np.ndarray) -> sp.csr_ma
     return sp.bmat(blocks, format="csr")[by_node][:, by_node]
 
 
-def _value_and_gradient(image: np.ndarray, where: np.ndarray) -> np.ndarray:
+def _value_and_gradient(
+    image: np.ndarray, where: np.ndarray, at_voxels: bool = False
+) -> np.ndarray:
     """Slightly blurred value and its gradient per voxel along i, j(, k), (1 + d, v), at `where`."""
     image, dimension = np.asarray(image, float), image.ndim
     orders = [[0] * dimension]
     orders += [
         [int(axis == dimension - 1 - a) for axis in range(dimension)] for a in range(dimension)
     ]
+    place = where.T[::-1]
+    if at_voxels:
+        place = tuple(place.astype(int))
+        return np.stack([ndimage.gaussian_filter(image, BLUR, order=o)[place] for o in orders])
     return np.stack(
         [
             ndimage.map_coordinates(
                 ndimage.gaussian_filter(image, BLUR, order=order),
-                where.T[::-1],
+                place,
                 order=1 if any(order) else 3,
                 mode="nearest",
             )

@@ -211,6 +211,7 @@ def displacement_information(
     resolution: float | None = 16.0,
     seen: np.ndarray | None = None,
     touched: np.ndarray | None = None,
+    located: tuple | None = None,
 ):
     """Inverse covariance of displacements measured by a registration.
 
@@ -250,6 +251,8 @@ def displacement_information(
         Where the warped image shows something; elsewhere the tissue has left the pushed image.
     touched : (n,) bool, optional
         Nodes that an outside body touches, see :func:`strain_spread`.
+    located : tuple, optional
+        What :func:`voxels_in_cells` returns, if it is known already.
 
     Returns
     -------
@@ -263,7 +266,7 @@ def displacement_information(
     rest, warped = np.asarray(rest, float), np.asarray(warped, float)
     dimension, nodes = rest.ndim, len(points)
     spacing = np.ones(dimension) if spacing is None else np.asarray(spacing, float)
-    voxels, near, weights = voxels_in_cells(points, cells, rest.shape)
+    voxels, near, weights = located or voxels_in_cells(points, cells, rest.shape)
     if seen is not None:
         shown = seen.ravel()[voxels]
         voxels, near, weights = voxels[shown], near[shown], weights[shown]

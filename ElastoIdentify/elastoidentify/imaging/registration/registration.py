@@ -7,8 +7,9 @@ same number of voxels, and the smoothness of the deformation is isotropic in the
 """
 
 from collections.abc import Sequence
-from contextlib import nullcontext
+from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ...errors import InputError
-from ...progress import Progress, part, silent
+from ...progress import Progress, silent
 from ...workers.elastix_client import ElastixProcess
 from ..image import Image
 from .correlation import carried_displacement, refine_displacement
@@ -29,6 +30,7 @@ from .information import (
     voxels_in_cells,
 )
 from .parameter_files import control_point_spacing, load_parameters
+from .together import Engines, engines_for, run_together
 
 SMALLEST_IMAGE = 16  # voxels along an axis of a planar image
 THINNEST_VOLUME = 8  # voxels along an axis of a volume
@@ -346,6 +348,7 @@ def register(
     backward: bool = True,
     refine: bool = True,
     reaction_nodes: np.ndarray | None = None,
+    workers: int | None = None,
     elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
@@ -380,6 +383,9 @@ def register(
     reaction_nodes : (n,) bool, optional
         Nodes that an outside body touches (the mesher's ``reaction_nodes``). The strain ends there
         at once, which neither B-splines nor cells follow: their information says so.
+    workers : int, optional
+        Registrations at once, each in an elastix process of about 0.9 GB. Default: one for slices,
+        for volumes one per core, at most four. The result does not depend on it.
     elastix : ElastixProcess, optional
         A worker that is kept warm for several calls; it is left open, unless cancelled.
     progress : callable, optional
@@ -430,9 +436,9 @@ def register(
     work = _Work(
         frame, frame.array(rest), points, cells, maps, mask_array, outside, refine, touched
     )
-    start = nullcontext(elastix) if elastix else ElastixProcess(part(progress, 0.0, 0.05))
-    with start as worker:
-        figures = work.run(worker, trials, reference, backward, part(progress, 0.05, 1.0))
+    at_once = engines_for(len(frame.kept), len(trials), workers)
+    with Engines(elastix) as engines:
+        figures = work.run(engines, trials, reference, backward, at_once, progress)
     progress(1.0, "registration done")
 
     sentences = [_trial_warnings(number, one) for number, one in enumerate(figures, 1)]
@@ -464,9 +470,9 @@ def register(
     )
 
 
-def _named(name: str, progress: Progress) -> Progress:
-    """Put a name before the text of a progress callable."""
-    return lambda fraction, text: progress(fraction, f"{name}: {text}")
+def _named_task(name: str, task):
+    """Put a name before what a task tells its progress."""
+    return lambda progress: task(lambda fraction, text: progress(fraction, f"{name}: {text}"))
 
 
 class _Work:
@@ -478,30 +484,54 @@ class _Work:
         self.index, self.cells, self.outside = frame.index(points), cells, outside
         self.refine, self.touched = refine, touched
         self.corners = simplices(cells, len(frame.kept))
-        self.inside = voxels_in_cells(self.index, cells, rest.shape)[0]
+        self.located = voxels_in_cells(self.index, cells, rest.shape)
+        self.inside = self.located[0]
         if len(self.inside) < 16:
             raise InputError("the mesh covers hardly a voxel of the rest image: check its units")
 
-    def run(self, elastix, trials, reference, backward, progress) -> list[dict]:
-        """Register every trial. Returns the figures of each."""
+    def run(self, engines, trials, reference, backward, at_once, progress) -> list[dict]:
+        """Register every trial, so many at once. Returns the figures of each."""
         count, (nodes, dimension) = len(trials), self.index.shape
         self.displacements = np.zeros((count, nodes, dimension))
         self.information = np.zeros((count, nodes, dimension, dimension))
         self.disagreement = np.zeros((count, nodes))
         start = self.index * self.frame.spacing
-        reached, image = start, self.rest
-        figures = []
-        for k, trial in enumerate(trials):
-            tell = _named(f"trial {k + 1} of {count}", part(progress, k / count, (k + 1) / count))
-            reached, warped, miss = self._one(elastix, image, trial, reached, backward, tell)
-            self.disagreement[k] = miss
-            doubt = self._doubt(reached, miss)
-            self.displacements[k] = self._measured(trial, reached - start, doubt)
-            figures.append(self._judge(k, image, trial, warped, miss if backward else None, doubt))
-            if reference == "previous":
-                image = trial
-            else:
-                reached = start
+        forth = [Future() for _ in trials]  # T(points) and the warped image of each
+        figures = [None] * count
+        composed = reference == "previous"
+        images = [self.rest, *trials[:-1]] if composed else [self.rest] * count
+
+        def go(k, progress):
+            points = forth[k - 1].result()[0] if composed and k else start
+            try:
+                forth[k].set_result(self._one(engines, images[k], trials[k], points, progress))
+            except BaseException as error:  # whoever waits for it must not wait for ever
+                forth[k].set_exception(error)
+                raise
+            if not backward:
+                finish(k, None)
+
+        def come_back(k, progress):
+            reached, _ = forth[k].result()
+            points = forth[k - 1].result()[0] if composed and k else start
+            pair = trials[k], images[k]
+            back, _ = self._one(engines, *pair, reached, progress, warp=False)
+            finish(k, np.linalg.norm(back - points, axis=1))
+
+        def finish(k, miss):
+            reached, warped = forth[k].result()
+            self.disagreement[k] = 0.0 if miss is None else miss
+            doubt = self._doubt(reached, self.disagreement[k])
+            self.displacements[k] = self._measured(trials[k], reached - start, doubt)
+            figures[k] = self._judge(k, images[k], trials[k], warped, miss, doubt)
+
+        ways = [("", go), (" back", come_back)][: 2 if backward else 1]
+        tasks = [
+            _named_task(f"trial {k + 1} of {count}{name}", partial(way, k))
+            for name, way in ways
+            for k in range(count)
+        ]
+        run_together(tasks, at_once, progress)
         return figures
 
     def _doubt(self, reached, miss) -> "_Doubt":
@@ -519,24 +549,24 @@ class _Work:
         if not self.refine:
             return displacement
         voxels = refine_displacement(
-            self.rest, trial, self.index, self.cells, displacement / spacing, spacing
+            self.rest,
+            trial,
+            self.index,
+            self.cells,
+            displacement / spacing,
+            spacing,
+            located=self.located,
         )
         return np.where(self.outside[:, None], displacement, voxels * spacing)
 
-    def _one(self, elastix, fixed, moving, points, backward, progress):
-        """Register one pair. Returns T(points), the warped image and |T⁻¹(T(points)) − points|."""
+    def _one(self, engines, fixed, moving, points, progress, warp=True):
+        """Register one pair. Returns T(points) and the warped image."""
         mask = self.mask if fixed is self.rest else None
-        stop = 0.5 if backward else 1.0
         settings = self.frame.spacing, self.maps
-        mapped, warped = elastix.register(
-            fixed, moving, *settings, points, mask=mask, progress=part(progress, 0.0, stop)
-        )
-        if not backward:
-            return mapped, warped, np.zeros(len(points))
-        back, _ = elastix.register(
-            moving, fixed, *settings, mapped, progress=part(progress, stop, 1.0)
-        )
-        return mapped, warped, np.linalg.norm(back - points, axis=1)
+        with engines.one(progress) as elastix:
+            return elastix.register(
+                fixed, moving, *settings, points, mask=mask, warp=warp, progress=progress
+            )
 
     def _judge(self, k, image, trial, warped, miss, doubt) -> dict:
         """Fill in the information of trial k and return its figures."""
@@ -559,6 +589,7 @@ class _Work:
             resolution=None if self.refine else control_point_spacing(self.maps),
             seen=seen,
             touched=self.touched,
+            located=self.located,
         )
         information[self.outside | doubt.leaving] = 0.0
         weakest = np.linalg.eigvalsh(information)[:, 0] / np.maximum(share, 1e-9)

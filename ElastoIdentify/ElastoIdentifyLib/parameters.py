@@ -1,0 +1,118 @@
+"""The parameter node's fields and the widgets of *Advanced*, from the table of options."""
+
+from typing import Annotated
+
+import qt
+from elastoidentify.options import Choice, File, Flag, Number, Option, Picture, Text
+from elastoidentify.study import STEPS
+from slicer.parameterNodeWrapper import Choice as OneOf
+from slicer.parameterNodeWrapper import WithinRange
+
+OF_NODES = ("known_materials", "rigid_labels", "reaction_boxes", "slice_axis")
+"""Options that Slicer gives otherwise: materials by segment, boxes by ROIs, the slice by a view."""
+
+LIMIT = 1e9  # of numbers that the table does not bound: a spin box needs some
+NEARLY = 1e-3
+
+
+def options() -> dict[str, Option]:
+    """Return the options that are fields of the parameter node, by their names in the table."""
+    every = {k: v for table in STEPS.values() for k, v in table.options().items()}
+    return {
+        name: option
+        for name, option in every.items()
+        if not isinstance(option, Picture) and name not in OF_NODES
+    }
+
+
+def field(name: str) -> str:
+    """Return ``edge_length`` as ``edgeLength``."""
+    first, *rest = name.split("_")
+    return first + "".join(word.capitalize() for word in rest)
+
+
+def annotations(defaults: dict) -> dict:
+    """Return {field: type} of all options; their defaults are put into `defaults`."""
+    found = {}
+    for name, option in options().items():
+        start = option.default if option.form_start is None else option.form_start
+        defaults[field(name)] = start
+        found[field(name)] = _type(option)
+    return found
+
+
+def _type(option: Option):
+    if isinstance(option, Choice):
+        return Annotated[str, OneOf(list(option.choices))]
+    if isinstance(option, Number):
+        return Annotated[option.kind, WithinRange(*bounds(option))]
+    return {Flag: bool, File: str, Text: str}[type(option)]
+
+
+def bounds(option: Number) -> tuple:
+    """Return the least and the largest value of a number, as a spin box has them."""
+    low = max(option.minimum, option.above + NEARLY, -LIMIT)
+    high = min(option.maximum, option.below - NEARLY, LIMIT)
+    return option.kind(low), option.kind(high)
+
+
+def chosen(node) -> dict:
+    """Return {name in the table: value} of a parameter node."""
+    return {name: getattr(node, field(name)) for name in options()}
+
+
+# ---- widgets
+
+
+def add_widgets(layout, ui, tr) -> dict:
+    """Add a row for every option that the panel's own form leaves out.
+
+    Parameters
+    ----------
+    layout : QFormLayout
+    ui : object
+        The panel's widgets by name; options that are there already get no second one.
+    tr : callable
+        Translates texts.
+
+    Returns
+    -------
+    {name of the widget: widget}
+    """
+    made = {}
+    for name, option in options().items():
+        if any(hasattr(ui, f"{field(name)}{kind}") for kind in _KINDS):
+            continue
+        widget = _widget(option)
+        widget.objectName = f"{field(name)}Option"
+        widget.setProperty("SlicerParameterName", field(name))
+        widget.toolTip = tr(option.__doc__)
+        layout.addRow(f"{tr(label(option))}:", widget)
+        made[widget.objectName] = widget
+    return made
+
+
+_KINDS = ("ComboBox", "SpinBox", "CheckBox", "Edit")
+
+
+def label(option: Option) -> str:
+    """Return the words before a widget, with the unit: ``Edge length (mm)``."""
+    unit = {"length": " (mm)"}.get(option.unit, f" ({option.unit})" if option.unit else "")
+    return option.name.replace("_", " ").capitalize() + unit
+
+
+def _widget(option: Option):
+    if isinstance(option, Choice):
+        widget = qt.QComboBox()
+        widget.addItems(list(option.choices))
+    elif isinstance(option, Flag):
+        widget = qt.QCheckBox()
+    elif isinstance(option, Number):
+        widget = qt.QSpinBox() if option.kind is int else qt.QDoubleSpinBox()
+        low, high = bounds(option)
+        widget.setRange(*(low, min(high, 2**31 - 1)) if option.kind is int else (low, high))
+        if option.kind is float:
+            widget.setDecimals(4)
+    else:
+        widget = qt.QLineEdit()
+    return widget
