@@ -22,6 +22,8 @@ path=$slicer/bin:$slicer/bin/Python
 path+=:$modules/qt-loadable-modules:$modules/qt-loadable-modules/Python:$modules/qt-scripted-modules
 # CTK's wrapped libraries are in the folder of the libraries.
 export PYTHONPATH=$path:/usr/lib/$(gcc -dumpmachine):/usr/lib/python3/dist-packages
+# The designer plugins of CTK and of Slicer, for .ui files.
+export QT_PLUGIN_PATH=/usr/lib/$(gcc -dumpmachine):$slicer/bin
 # Packages are installed beside Debian's, which may not be changed.
 export PIP_USER=1 PIP_BREAK_SYSTEM_PACKAGES=1 PIP_ROOT_USER_ACTION=ignore
 command=($slicer/bin/SlicerApp-real --no-splash --disable-settings
