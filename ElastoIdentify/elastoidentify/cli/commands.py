@@ -10,7 +10,6 @@ from ..options import Picture, Table
 from ..report.terminal import TerminalProgress, figure
 from ..study import (
     IdentificationOptions,
-    MeshOptions,
     ReadOptions,
     RegistrationOptions,
     ReportOptions,
@@ -128,8 +127,8 @@ def mesh(arguments) -> None:
     from ..pipeline import make_mesh
     from ..vtk_io.arrays import write_label_mesh
 
-    _check_outputs({"--output": (arguments.output, options.MESH)}, _paths(arguments, MeshOptions))
-    files = _read(arguments, MeshOptions)
+    _check_outputs({"--output": (arguments.output, options.MESH)}, _paths(arguments, Study))
+    files = _read(arguments, Study)
     with TerminalProgress("mesh") as progress:
         made = make_mesh(files.chosen, progress)
     _say_mesh(made)

@@ -174,6 +174,7 @@ def make_parser() -> Parser:
     one = add(commands.mesh)
     one.add_argument("segmentation", metavar="SEG", help="labelmap; 0 is background")
     _mesh(one, leave_out=["segmentation"])
+    add_options(one, RegistrationOptions, RegistrationOptions.options().keys() - {"rest"})
     add_options(one, ReadOptions)
     _output(one)
     one = add(commands.register)
