@@ -188,7 +188,13 @@ def cancel():
     yield 0.3
     before = slicer.mrmlScene.GetNumberOfNodes()
     mouse.click(ui.applyButton)
-    yield 1
+    yield 2
+    dialog = slicer.app.activeModalWidget()
+    if dialog is not None:  # itk-elastix is not there yet
+        photo("install")
+        mouse.click(button(dialog, "OK"))
+        yield until("the installation", lambda: panel().run is not None, 600)
+        yield 1
     check("Apply turned into Cancel", ui.applyButton.text == "Cancel", ui.applyButton.text)
     yield until("progress", lambda: panel().run is None or panel().run.fraction > 0.03, 300)
     yield 1
