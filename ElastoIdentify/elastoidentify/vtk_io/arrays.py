@@ -146,7 +146,11 @@ def known_of(grid, order, by_label: dict):
     for label, constants in by_label.items():
         here = np.zeros(1, bool) if labels is None else labels[order] == label
         if not here.any():
-            raise InputError(f"no cell of the mesh has the known material's label {label}")
+            there = () if labels is None else np.unique(labels).tolist()
+            raise InputError(
+                f"known label {label} does not occur in the mesh, its labels are "
+                f"{', '.join(f'{one:g}' for one in there)}"
+            )
         known[here] = constants
     return known
 
