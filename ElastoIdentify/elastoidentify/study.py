@@ -129,6 +129,17 @@ class RegistrationOptions(Table):
         group="Registration",
         advanced=True,
     )
+    workers = Number(
+        0,
+        "Registrations at once, each an elastix process of about 0.9 GB in a volume. 0: one per "
+        "core for volumes, one for slices.",
+        minimum=0,
+        kind=int,
+        own_choice=0,
+        group="Registration",
+        advanced=True,
+        metavar="N",
+    )
     parameter_file = File(
         "elastix parameter file instead of ours, or 'affine' or 'bspline'; several: one "
         "after the other.",

@@ -132,8 +132,10 @@ def inputs():
         ui.applyButton.text,
     )
     photo("panel-missing")
+    scroll(ui.pushedSelector)
+    yield 0.5
     mouse.click(ui.pushedSelector)
-    yield 1
+    yield 1.5
     photo("panel-pushed-open")
     box = slicer.util.findChildren(ui.pushedSelector, className="ctkCheckableComboBox")[0]
     view = box.view()
