@@ -3,7 +3,7 @@
 from ..errors import InputError
 from ..options import Flag
 from ..study import IdentificationOptions, ReportOptions
-from ..vtk_io.arrays import displacement_of, label_table, trials_of
+from ..vtk_io.arrays import displacement_of, label_table, read_report, trials_of
 from ..vtk_io.convert import displacement_names, get_array, has_array, information_name, set_array
 from .base import Filter, Port
 from .selection import Selection
@@ -20,7 +20,8 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     arrays ``Lambda``, ``Mu``, ``YoungModulus``, ``PoissonRatio``, ``LambdaStd``, ``MuStd`` (in the
     unit of the known Young's modulus, NaN where not identified), ``Status`` (0 not determined,
     1 known, 2 identified, 3 out of range), ``SequenceOrder``, the point arrays ``Residual_k``
-    and the field data strings ``IdentificationReport`` and ``Provenance`` (JSON).
+    and the field data strings ``IdentificationReport`` and ``Provenance`` (JSON)
+    and ``Warnings`` (a sentence per value, where there are any).
     :meth:`GetLabelTable` has the figures per label.
     """
 
@@ -78,6 +79,10 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
 
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         return identified(mesh, self, self.trials(mesh), progress=progress)
+
+    def warnings_of(self, output):
+        """Return what makes the map doubtful."""
+        return read_report(output, "identification").get("warnings", [])
 
     def GetLabelTable(self):
         """Return the figures per label of the last output as vtkTable."""

@@ -2,6 +2,7 @@
 
 from ..options import Flag
 from ..study import RegistrationOptions
+from ..vtk_io.arrays import read_report
 from ..vtk_io.convert import image_from_vtk
 from .base import Filter, Port
 
@@ -74,3 +75,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
         ]
         chosen.mask = None if mask is None else image_from_vtk(mask, "mask")
         return displaced(mesh, chosen, progress)
+
+    def warnings_of(self, output):
+        """Return what makes the displacements doubtful."""
+        return read_report(output, "registration").get("warnings", [])
