@@ -30,6 +30,7 @@ from vtkmodules.vtkCommonExecutionModel import (
 from vtkmodules.vtkCommonExecutionModel import (
     vtkStreamingDemandDrivenPipeline as _Pipeline,
 )
+from vtkmodules.vtkFiltersCore import vtkAppendFilter
 
 from ..errors import Cancelled, InputError
 from ..options import Option, Picture, Table, options_of
@@ -246,6 +247,8 @@ class Filter(VTKPythonAlgorithmBase):
                 raise InputError(
                     f"no {port.name} given: connect a {port.data_type} to input port {number}"
                 )
+            if port.data_type == "vtkPointSet":
+                objects = [_as_cells(data) for data in objects]
             if port.over_time:
                 yield self._over_time(number, vector, objects)
             else:
@@ -470,6 +473,18 @@ def _write_warnings(data, lines: list[str], prefix: str):
         for line in every:
             array.InsertNextValue(line)
         fields.AddArray(array)
+
+
+def _as_cells(data):
+    """Return any kind of mesh as vtkUnstructuredGrid, with all its arrays."""
+    if data.IsA("vtkUnstructuredGrid"):
+        return data
+    append = vtkAppendFilter()
+    append.AddInputData(data)
+    append.Update()
+    grid = append.GetOutput()
+    grid.GetFieldData().ShallowCopy(data.GetFieldData())
+    return grid
 
 
 def _output_port(source) -> vtkAlgorithmOutput:

@@ -12,7 +12,7 @@ from .selection import Selection
 class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     """Identify the Lamé constants λ, μ of every cell from the displacements of its nodes.
 
-    Input: a mesh of triangles, quads, tetrahedra or hexahedra with the point arrays
+    Input: a mesh of triangles, quads, tetrahedra or hexahedra (surfaces too) with the point arrays
     ``Displacement_1``, ``Displacement_2``, … (and ``DisplacementInformation_k``,
     ``ReactionNodes`` where there are any), the cell array ``Label``, and known cells: by label
     (:meth:`AddKnownMaterial`) or cell by cell (cell arrays ``KnownYoungModulus``,
@@ -25,7 +25,7 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     :meth:`GetLabelTable` has the figures per label.
     """
 
-    ports = (Port("mesh", "vtkUnstructuredGrid", over_time=True),)
+    ports = (Port("mesh", "vtkPointSet", over_time=True),)
 
     time_steps_as_trials = Flag(
         False,
@@ -58,7 +58,7 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     def RequestInformation(self, request, inInfo, outInfo):
         """Offer the mesh's vector arrays to the panel of a host, as soon as the mesh is known."""
         mesh = self.GetInputDataObject(0, 0) if self.GetNumberOfInputConnections(0) else None
-        if mesh is not None and mesh.IsA("vtkUnstructuredGrid"):
+        if mesh is not None and mesh.IsA("vtkPointSet"):
             self._offer(mesh)
         return 1
 

@@ -22,7 +22,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
     """
 
     ports = (
-        Port("mesh", "vtkUnstructuredGrid"),
+        Port("mesh", "vtkPointSet"),
         Port("rest image", "vtkImageData"),
         Port("pushed images", "vtkImageData", repeatable=True, over_time=True),
         Port("mask", "vtkImageData", optional=True),
@@ -35,7 +35,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
     # ---- inputs
 
     def SetMesh(self, mesh):
-        """Set the mesh: a vtkUnstructuredGrid, a filter or an output port."""
+        """Set the mesh: a vtkUnstructuredGrid or vtkPolyData, a filter or an output port."""
         self._connect(0, mesh)
 
     def SetRestImage(self, image):
