@@ -200,6 +200,8 @@ def cancel():
     yield 1
     check("the progress bar is shown", ui.progressBar.visible, ui.statusLabel.text)
     check("processes work", workers(), len(workers()))
+    scroll(ui.statusLabel)
+    yield 0.5
     photo("running")
     scroll(ui.applyButton)
     yield 0.3
@@ -287,8 +289,8 @@ def views():
     )
     table = manager.tableWidget(0).tableView()
     check("the table is shown", table.mrmlTableNode() is not None)
-    plot = manager.plotWidget(0).plotView()
-    check("the chart is shown", plot.mrmlPlotViewNode().GetPlotChartNodeID() is not None)
+    plot = manager.plotWidget(0).mrmlPlotViewNode()
+    check("the chart is shown", plot.GetPlotChartNodeID() is not None)
     ui = panel().ui
     scroll(ui.showComboBox)
     yield 0.5
