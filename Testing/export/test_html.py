@@ -1,5 +1,6 @@
 """The page of a case: whole in itself, true to the result, safe with any name."""
 
+import html
 import re
 from base64 import b64decode
 from html.parser import HTMLParser
@@ -107,7 +108,7 @@ def test_the_page_refers_to_nothing_outside_of_itself(tmp_path):
 
 
 def test_the_verdict_is_the_reports_own_or_how_much_was_found(tmp_path):
-    said = {"level": "do not trust", "sentence": "Not <b>!", "reasons": ["the pad slips"]}
+    said = {"level": "do not trust", "sentence": "Not <b>!", "reasons": ["the pad slips", "ν"]}
     assert verdict(case(verdict=said)) == "Not <b>!"
     page = written(tmp_path, case(verdict=said))
     assert page.count("Not &lt;b&gt;!") == 1 and '<p class="verdict bad">' in page
@@ -123,6 +124,12 @@ def test_values_and_errors_end_at_the_same_digit():
     assert with_error(5000.0, 1e-9) == "5000"
     assert with_error(5.0, float("nan")) == "5.00"
     assert with_error(float("nan"), 1.0) == "–"
+
+
+def test_noise_is_said_in_the_measure_that_it_has(tmp_path):
+    assert "0.700 mm per displacement component" in written(tmp_path, case(noise_scale=0.7))
+    text = written(tmp_path, case(noise_scale=0.7), informed=True)
+    assert "0.700 × what the images' information predicts" in html.unescape(text)
 
 
 def test_a_map_from_elsewhere_has_a_page_too(tmp_path):

@@ -146,6 +146,17 @@ def test_known_cells_can_be_given_cell_by_cell(phantom):
         LameIdentification(method="global", known_materials={8: (1.0, 0.3)})(grid)
 
 
+@pytest.mark.parametrize("shape", ["triangles", "hexahedra"])
+def test_the_phantom_brings_its_pad_and_a_material_given_by_label_replaces_it(shape):
+    grid = updated(PushingPhantom(shape=shape, resolution=4, young_modulus=6000.0))
+    pad = cell(grid, "Label") == 1
+    np.testing.assert_array_equal(np.isfinite(cell(grid, "KnownYoungModulus")), pad)
+    found = LameIdentification(method="global")(grid)
+    np.testing.assert_allclose(cell(found, "Mu"), cell(grid, "TrueMu"), rtol=1e-6)
+    doubled = LameIdentification(method="global", known_materials={1: (12000.0, 0.43)})(grid)
+    np.testing.assert_allclose(cell(doubled, "Mu"), 2 * cell(grid, "TrueMu"), rtol=1e-6)
+
+
 def test_extra_arrays_pass_through_and_the_input_stays_as_it_was(phantom, random):
     grid = updated(phantom)
     mine = random.normal(size=(grid.GetNumberOfPoints(), 4))

@@ -13,6 +13,7 @@ from elastoidentify.filters import (
 )
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.meshing import mesh_segmentation
+from elastoidentify.results import to_matrices
 from elastoidentify.vtk_io import convert
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
@@ -194,7 +195,7 @@ def test_images_to_stiffness_by_filters_alone(phantom):
         assert np.sqrt(np.mean((measured - exact)[:, :2] ** 2)) < 0.5 * pixel
         information = convert.get_array(points, f"DisplacementInformation_{number}")
         assert information.shape == (found.GetNumberOfPoints(), 6)
-        assert np.all(np.linalg.eigvalsh(convert.matrices(information)) > -1e-9)
+        assert np.all(np.linalg.eigvalsh(to_matrices(information)) > -1e-9)
     report = json.loads(convert.get_text(found, "RegistrationReport"))
     assert len(report["trials"]) == 2 and isinstance(report["warnings"], list)
     assert len(seen) > 10 and seen == sorted(seen)

@@ -35,6 +35,28 @@ def test_a_failing_filter_raises_and_the_exit_code_tells(what, how, tmp_path):
     assert not output.exists()
 
 
+@pytest.mark.parametrize(
+    ("how", "line"),
+    [
+        ("choice", "LameIdentification.kinematics must be"),
+        ("row", "known label 1: Young's modulus is -5000"),
+        ("input", "vtkPointSet"),
+    ],
+)
+def test_what_a_setter_or_a_port_refuses_fails_the_run(how, line, tmp_path):
+    output = tmp_path / "never.vtu"
+    done = run("pvpython", HERE / "scripts" / "refused.py", how, output)
+    assert done.returncode not in (0, 139) and line in done.stdout, done.stdout
+    assert "done" not in done.stdout.splitlines()
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("how", ["mended", "surface", "warning"])
+def test_a_mended_choice_a_surface_and_a_warning_in_a_script(how, script):
+    text = script("refused.py", how)
+    assert how != "warning" or "WARNING: LameIdentification: " in text
+
+
 @pytest.mark.parametrize("how", ["render", "screenshot"])
 def test_a_failing_filter_raises_when_rendered(how, tmp_path, display):
     output = tmp_path / "never.png"

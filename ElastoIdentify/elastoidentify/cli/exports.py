@@ -165,7 +165,8 @@ def deliver(arguments, grid, rest, source: str | None) -> None:
         from ..vtk_io.arrays import read_report
 
         before = read_report(grid, "registration").get("warnings", [])
-        write_html(arguments.html, result, rest, warnings=before)
+        informed = grid.GetPointData().GetArray("DisplacementInformation_1") is not None
+        write_html(arguments.html, result, rest, warnings=before, informed=informed)
         print(f"wrote {arguments.html}")
     if arguments.dicom:
         _wrote(_write_dicom(arguments, result, rest, source))

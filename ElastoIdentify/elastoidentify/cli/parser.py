@@ -174,6 +174,7 @@ def make_parser() -> Parser:
     one = add(commands.mesh)
     one.add_argument("segmentation", metavar="SEG", help="labelmap; 0 is background")
     _mesh(one, leave_out=["segmentation"])
+    add_options(one, RegistrationOptions, RegistrationOptions.options().keys() - {"rest"})
     add_options(one, ReadOptions)
     _output(one)
     one = add(commands.register)
@@ -335,19 +336,21 @@ def _phantom(parser) -> None:
     add(
         "--inclusion",
         action="append",
-        type=parse_numbers(4),
-        metavar="X,Y,RADIUS,CONTRAST",
-        help="disc: centre and radius as shares of the block, stiffness over the tissue's; "
-        "repeatable (default 0.55,0.6,0.15,3)",
+        type=parse_numbers(4, 5),
+        metavar="X,Y[,Z],RADIUS,CONTRAST",
+        help="disc, or ball with --3d: centre and radius as shares of the block, stiffness over "
+        "the tissue's; repeatable (default 0.55,0.6,0.15,3; with --3d 0.5,0.5,0.4,0.2,3)",
     )
     add(
         "--push",
         action="append",
-        type=parse_numbers(2),
-        metavar="X,Y",
-        help="of the indenter, right and down, as shares of the height; one per trial "
-        "(default 0,0.05 and 0.035,0.035)",
+        type=parse_numbers(2, 3),
+        metavar="X,Y[,Z]",
+        help="of the indenter, right and down (with --3d: right, back, up), as shares of the "
+        "height; one per trial (default 0,0.05 and 0.035,0.035; with --3d three of them)",
     )
+    add("--3d", dest="volume", action="store_true", help="volumes with a ball instead of a slice")
+    add("--hidden", action="store_true", help="the segmentation does not show the inclusions")
     add("--pad", type=float, default=0.25, help="thickness of the pad, share of the height")
     add("--tissue-young", type=float, default=3000.0, metavar="PA")
     add("--pad-young", type=float, default=5000.0, metavar="PA")
@@ -356,7 +359,7 @@ def _phantom(parser) -> None:
     add("--seed", type=int, default=0)
     add("--width", type=float, metavar="MM", help="of the block")
     add("--height", type=float, metavar="MM", help="of the block (default: its width)")
-    add("--pixels", type=int, default=208, help="across the block (default 208)")
+    add("--pixels", type=int, help="across the block (default 208; with --3d 48)")
     add("--anisotropy", type=float, default=1.0, help="height over width of a pixel")
     add("--kinematics", choices=(LAWS[0], LAWS[2]), default=LAWS[0])
 

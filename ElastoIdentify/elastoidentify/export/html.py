@@ -33,7 +33,7 @@ NO_TABLE = "the result has no figures per label"
 
 STYLE = """
 :root{color-scheme:light}
-body{font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff;max-width:70rem;
+body{font:16px/1.5 system-ui,sans-serif;color:#1b1b1b;background:#fff;max-width:76rem;
 margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin-bottom:.2rem}
 h2{font-size:1.1rem;margin-top:2rem}
@@ -59,6 +59,7 @@ def write_html(
     *,
     title: str = "",
     warnings: Sequence[str] = (),
+    informed: bool = False,
 ) -> None:
     """Write the page of a case, whole or not at all.
 
@@ -73,6 +74,8 @@ def write_html(
         By default the file's name.
     warnings : sequence of str
         Of the steps before the identification, whose own are in the result's report.
+    informed : bool
+        The displacements came with their information, which the noise is then a multiple of.
 
     Raises
     ------
@@ -84,11 +87,17 @@ def write_html(
         raise InputError(f"{path}: name a file that ends in {' or '.join(SUFFIXES)}")
     check_outputs([path])
     said = list(dict.fromkeys([*warnings, *result.report.get("warnings", [])]))
-    text = page(result, title or path.stem, said, _picture(result, rest))
+    text = page(result, title or path.stem, said, _picture(result, rest), informed)
     write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def page(result: CellMap, title: str, warnings: Sequence[str], picture: bytes = b"") -> str:
+def page(
+    result: CellMap,
+    title: str,
+    warnings: Sequence[str],
+    picture: bytes = b"",
+    informed: bool = False,
+) -> str:
     """Return the page.
 
     Parameters
@@ -98,23 +107,26 @@ def page(result: CellMap, title: str, warnings: Sequence[str], picture: bytes = 
     warnings : sequence of str
     picture : bytes
         PNG; none where empty.
+    informed : bool
+        See :func:`write_html`.
     """
     made = result.provenance
     said = result.report.get("verdict") or {}
     mood = MOODS.get(said.get("level"), "doubtful" if warnings else "")
+    reasons = said.get("reasons", ())  # a single one is in the sentence
     report = {key: value for key, value in result.report.items() if key != "verdict"}
     parts = [
         f"<h1>{_text(title)}</h1>",
         f'<p class="small">{_text(_made_by(made))}</p>',
         f'<p class="{f"verdict {mood}".strip()}">{_text(verdict(result, warnings))}</p>',
-        _list(said.get("reasons", ())),
+        _list(reasons if len(reasons) > 1 else ()),
         _image(picture),
         "<h2>Figures per label</h2>",
         _table(result),
         f"<h2>Warnings ({len(warnings)})</h2>",
         _list(warnings) or "<p>None.</p>",
         "<h2>How it was found</h2>",
-        _list(report_lines(report, length=result.length_unit) if report else []),
+        _list(report_lines(report, informed, result.length_unit) if report else []),
         "<h2>Where it comes from</h2>",
         "<details><summary>versions, inputs by their SHA-256, every option as used</summary>",
         _list(_provenance(made)),

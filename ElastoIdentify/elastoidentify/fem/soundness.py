@@ -47,8 +47,23 @@ def sides(blocks: Blocks) -> Sides:
             corners.append(padded)
         start += len(nodes)
     owner, corner = np.concatenate(owners), np.concatenate(corners)
-    _, group = np.unique(np.sort(corner, axis=1), axis=0, return_inverse=True)
-    return Sides(owner, corner, group.ravel())
+    return Sides(owner, corner, _groups(np.sort(corner, axis=1)))
+
+
+def _groups(rows: np.ndarray) -> np.ndarray:
+    """Return a number for each row (n, 2 or 4), the same for equal rows. Shape (n,).
+
+    As np.unique with an axis, which takes a hundred times as long: two columns make one key.
+    """
+    base = int(rows.max(initial=0)) + 2
+    keys = [(rows[:, k] + 1) * base + rows[:, k + 1] + 1 for k in range(0, rows.shape[1], 2)]
+    order = np.lexsort(keys[::-1])
+    new = np.zeros(len(rows), bool)
+    for key in keys:
+        new[1:] |= key[order][1:] != key[order][:-1]
+    group = np.empty(len(rows), int)
+    group[order] = np.cumsum(new)
+    return group
 
 
 def edges(blocks: Blocks) -> np.ndarray:
@@ -58,7 +73,11 @@ def edges(blocks: Blocks) -> np.ndarray:
         for face in CELL_TYPES[kind].faces:
             corner = nodes[:, face]
             found.append(np.stack([corner, np.roll(corner, 1, axis=1)], -1).reshape(-1, 2))
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+    ends = np.sort(np.concatenate(found), axis=1)
+    base = int(ends.max(initial=0)) + 1
+    keys = np.sort(ends[:, 0] * base + ends[:, 1])  # quicker than np.unique
+    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
+    return np.column_stack([keys // base, keys % base])
 
 
 def coincident(points: np.ndarray, blocks: Blocks, tolerance: float = 1e-5) -> np.ndarray:

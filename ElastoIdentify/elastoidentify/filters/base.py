@@ -4,12 +4,16 @@ VTK cannot pass a Python exception through its pipeline: an exception in ``Reque
 and lost, and the caller goes on with empty data. So a filter here keeps the exception, shows it as
 one line where VTK shows errors (ParaView's message window, or the terminal), empties its output,
 and raises it from the Python call that asked for the update.
+
+Warnings of a run go the same three ways: one line each where VTK shows warnings, the field data
+array ``Warnings`` with one value per warning, and Python's ``warnings`` from the call that asked.
 """
 
 import contextlib
 import copy
 import difflib
 import re
+import warnings
 import weakref
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,7 +21,7 @@ from typing import ClassVar
 from vtkmodules.util.misc import calldata_type
 from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
 from vtkmodules.util.vtkConstants import VTK_STRING
-from vtkmodules.vtkCommonCore import vtkOutputWindow
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 from vtkmodules.vtkCommonExecutionModel import (
     vtkAlgorithm,
@@ -26,13 +30,21 @@ from vtkmodules.vtkCommonExecutionModel import (
 from vtkmodules.vtkCommonExecutionModel import (
     vtkStreamingDemandDrivenPipeline as _Pipeline,
 )
+from vtkmodules.vtkFiltersCore import vtkAppendFilter
 
 from ..errors import Cancelled, InputError
 from ..options import Option, Picture, Table, options_of
+from ..vtk_io.convert import all_texts
 from .settings import add_settings
 
 failure_listeners = []
 """Callables ``listener(filter, exception)`` that a host adds to learn of every failure."""
+
+warning_listeners = []
+"""Callables ``listener(filter, lines)`` that a host adds to learn of every run with warnings."""
+
+WARNINGS = "Warnings"
+"""Field data array with a warning per value, of all filters so far."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,8 @@ class Filter(VTKPythonAlgorithmBase):
 
     ports: tuple[Port, ...] = ()
     output_types: tuple[str, ...] = ("vtkUnstructuredGrid",)
+    refusals_wait: bool = False
+    """A value that is not allowed is no exception of the setter, but the next run's failure."""
     _of_tables: ClassVar[dict[str, Option]] = {}
 
     def __init_subclass__(cls, tables: tuple[type[Table], ...] = (), **more):
@@ -76,7 +90,8 @@ class Filter(VTKPythonAlgorithmBase):
         add_settings(cls, {**cls._of_tables, **options_of(cls)})
 
     def __init__(self, **settings):
-        self._errors, self._depth = [], 0
+        self._errors, self._warnings, self._depth = [], [], 0
+        self._refused = {}
         self._step, self._earlier = 0, {}
         VTKPythonAlgorithmBase.__init__(
             self,
@@ -165,6 +180,15 @@ class Filter(VTKPythonAlgorithmBase):
         """Do the work: return the output data object or raise."""
         raise NotImplementedError
 
+    def warnings_of(self, output) -> list[str]:
+        """Return what the user should be told of an output of ``execute``, a sentence each."""
+        return []
+
+    def RequestDataObject(self, request, inInfo, outInfo):
+        """Hear from now on what the executive refuses: a host may have put in its own."""
+        self._listen_to_executive()
+        return super().RequestDataObject(request, inInfo, outInfo)
+
     def RequestUpdateExtent(self, request, inInfo, outInfo):
         """Ask the ports over time for the step whose turn it is."""
         time_asked = outInfo.GetInformationObject(0).Has(_Pipeline.UPDATE_TIME_STEP())
@@ -182,6 +206,8 @@ class Filter(VTKPythonAlgorithmBase):
         outputs = [info.Get(vtkDataObject.DATA_OBJECT()) for info in infos]
         try:
             self._refuse_failed_inputs()
+            for refused in self._refused.values():
+                raise refused
             inputs = list(self._inputs(inInfo))
             if self._more_steps(inInfo):
                 request.Set(_Pipeline.CONTINUE_EXECUTING(), 1)
@@ -189,6 +215,7 @@ class Filter(VTKPythonAlgorithmBase):
             request.Remove(_Pipeline.CONTINUE_EXECUTING())
             made = self.execute(*inputs, progress=self._report)
             made = made if isinstance(made, tuple) else (made,)
+            self._warn(made[0])
             for output, one in zip(outputs, made, strict=True):
                 output.ShallowCopy(one)
         except (Exception, KeyboardInterrupt) as error:
@@ -220,6 +247,8 @@ class Filter(VTKPythonAlgorithmBase):
                 raise InputError(
                     f"no {port.name} given: connect a {port.data_type} to input port {number}"
                 )
+            if port.data_type == "vtkPointSet":
+                objects = [_as_cells(data) for data in objects]
             if port.over_time:
                 yield self._over_time(number, vector, objects)
             else:
@@ -274,6 +303,27 @@ class Filter(VTKPythonAlgorithmBase):
         if self.GetAbortExecute() or (hasattr(self, "CheckAbort") and self.CheckAbort()):
             raise Cancelled(f"{self.GetClassName()} was cancelled")
 
+    # ---- warning
+
+    def _warn(self, made):
+        """Tell the warnings of a run: window, field data, and :meth:`Update`."""
+        lines = [f"{self.GetClassName()}: {' '.join(w.split())}" for w in self.warnings_of(made)]
+        _write_warnings(made, lines, f"{self.GetClassName()}: ")
+        if not lines:
+            return
+        self._warnings += lines
+        text = "".join(f"WARNING: {line}\n" for line in lines)
+        vtkOutputWindow.GetInstance().DisplayWarningText(text)
+        for listener in warning_listeners:
+            listener(self, lines)
+
+    def _pass_on_warnings(self):
+        """Give the new warnings of this filter, and of those before it, to Python."""
+        for algorithm in _upstream(self):
+            lines = getattr(algorithm, "_warnings", None) or []
+            while lines:
+                warnings.warn(lines.pop(0), stacklevel=3)
+
     # ---- failing
 
     def _fail(self, error: BaseException):
@@ -311,12 +361,14 @@ class Filter(VTKPythonAlgorithmBase):
         """Bring the output up to date, and raise what made this filter or one before it fail."""
         result = super().Update(*args)
         self._raise_first_error()
+        self._pass_on_warnings()
         return result
 
     def UpdateWholeExtent(self):
         """Bring the whole output up to date, as :meth:`Update` does."""
         result = super().UpdateWholeExtent()
         self._raise_first_error()
+        self._pass_on_warnings()
         return result
 
     def update(self, *args, **kwargs):
@@ -373,6 +425,7 @@ def _run_starts(filter, event):
     """Forget the last run's failures and its cancel. A run over blocks holds one per block."""
     if filter._depth == 0:
         filter._errors.clear()
+        filter._warnings.clear()
         if filter.GetAbortExecute():
             filter.SetAbortExecute(0)
     filter._depth += 1
@@ -392,8 +445,9 @@ def _executive_ear(reference):
             return
         text = " ".join(message.split()).partition("): ")[2] or message
         error = InputError(re.sub(r" (for|of) algorithm \S+ ?\(0x\w+\)", "", text))
-        filter._errors[:] = [*filter._errors, error] if filter._depth else [error]
-        vtkOutputWindow.GetInstance().DisplayErrorText(f"ERROR: {filter.GetLastError()}\n")
+        if not filter._depth:
+            filter._errors.clear()
+        filter._fail(error)
 
     return hear
 
@@ -404,6 +458,33 @@ def _without_frames(error: BaseException) -> BaseException:
         return copy.copy(error)
     except TypeError:  # an exception whose constructor wants more than its message
         return RuntimeError(str(error))
+
+
+def _write_warnings(data, lines: list[str], prefix: str):
+    """Put warnings into the field data, in place of those of an earlier run of the same filter."""
+    fields = data.GetFieldData()
+    before = fields.GetAbstractArray(WARNINGS)
+    before = [] if before is None else all_texts(before)
+    every = [line for line in before if not line.startswith(prefix)] + lines
+    fields.RemoveArray(WARNINGS)
+    if every:
+        array = vtkStringArray()
+        array.SetName(WARNINGS)
+        for line in every:
+            array.InsertNextValue(line)
+        fields.AddArray(array)
+
+
+def _as_cells(data):
+    """Return any kind of mesh as vtkUnstructuredGrid, with all its arrays."""
+    if data.IsA("vtkUnstructuredGrid"):
+        return data
+    append = vtkAppendFilter()
+    append.AddInputData(data)
+    append.Update()
+    grid = append.GetOutput()
+    grid.GetFieldData().ShallowCopy(data.GetFieldData())
+    return grid
 
 
 def _output_port(source) -> vtkAlgorithmOutput:

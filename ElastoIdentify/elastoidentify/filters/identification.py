@@ -3,7 +3,7 @@
 from ..errors import InputError
 from ..options import Flag
 from ..study import IdentificationOptions, ReportOptions
-from ..vtk_io.arrays import displacement_of, label_table, trials_of
+from ..vtk_io.arrays import displacement_of, label_table, read_report, trials_of
 from ..vtk_io.convert import displacement_names, get_array, has_array, information_name, set_array
 from .base import Filter, Port
 from .selection import Selection
@@ -12,7 +12,7 @@ from .selection import Selection
 class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     """Identify the Lamé constants λ, μ of every cell from the displacements of its nodes.
 
-    Input: a mesh of triangles, quads, tetrahedra or hexahedra with the point arrays
+    Input: a mesh of triangles, quads, tetrahedra or hexahedra (surfaces too) with the point arrays
     ``Displacement_1``, ``Displacement_2``, … (and ``DisplacementInformation_k``,
     ``ReactionNodes`` where there are any), the cell array ``Label``, and known cells: by label
     (:meth:`AddKnownMaterial`) or cell by cell (cell arrays ``KnownYoungModulus``,
@@ -20,11 +20,12 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     arrays ``Lambda``, ``Mu``, ``YoungModulus``, ``PoissonRatio``, ``LambdaStd``, ``MuStd`` (in the
     unit of the known Young's modulus, NaN where not identified), ``Status`` (0 not determined,
     1 known, 2 identified, 3 out of range), ``SequenceOrder``, the point arrays ``Residual_k``
-    and the field data strings ``IdentificationReport`` and ``Provenance`` (JSON).
+    and the field data strings ``IdentificationReport`` and ``Provenance`` (JSON)
+    and ``Warnings`` (a sentence per value, where there are any).
     :meth:`GetLabelTable` has the figures per label.
     """
 
-    ports = (Port("mesh", "vtkUnstructuredGrid", over_time=True),)
+    ports = (Port("mesh", "vtkPointSet", over_time=True),)
 
     time_steps_as_trials = Flag(
         False,
@@ -57,7 +58,7 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
     def RequestInformation(self, request, inInfo, outInfo):
         """Offer the mesh's vector arrays to the panel of a host, as soon as the mesh is known."""
         mesh = self.GetInputDataObject(0, 0) if self.GetNumberOfInputConnections(0) else None
-        if mesh is not None and mesh.IsA("vtkUnstructuredGrid"):
+        if mesh is not None and mesh.IsA("vtkPointSet"):
             self._offer(mesh)
         return 1
 
@@ -78,6 +79,10 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
 
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         return identified(mesh, self, self.trials(mesh), progress=progress)
+
+    def warnings_of(self, output):
+        """Return what makes the map doubtful."""
+        return read_report(output, "identification").get("warnings", [])
 
     def GetLabelTable(self):
         """Return the figures per label of the last output as vtkTable."""

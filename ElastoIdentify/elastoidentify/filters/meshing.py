@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..options import Text
 from ..study import MeshOptions
-from ..vtk_io.convert import image_from_vtk
+from ..vtk_io.convert import get_text, image_from_vtk
 from .base import Filter, Port
 from .selection import Selection
 
@@ -62,6 +62,10 @@ class SegmentationToMesh(Filter, tables=(MeshOptions,)):
         chosen.segmentation = image_from_vtk(segmentation, "segmentation", self.label_array)
         chosen.rigid_labels = (*self.rigid_labels, *map(int, self._rigid.chosen()))
         return meshed(chosen, progress)
+
+    def warnings_of(self, output):
+        """Return what was changed on the way to the mesh."""
+        return get_text(output, "MeshNotes").splitlines()
 
 
 class SegmentationToTriangleMesh(SegmentationToMesh):

@@ -5,6 +5,7 @@ import numpy as np
 from ..options import Choice, Number, Rows, Vector
 from ..progress import part
 from ..study import LAWS
+from ..vtk_io.arrays import KNOWN
 from ..vtk_io.convert import mesh_to_vtk, set_array, vectors
 from .base import Filter
 
@@ -17,7 +18,8 @@ class PushingPhantom(Filter):
     A source. The lower part of a square or cube is tissue (label 2) with a round inclusion
     (label 3), the upper part a pad (label 1). It stands on the floor, and its top is moved, once
     per trial; y points up. Output: the mesh with ``Label``, ``ReactionNodes`` (floor and top),
-    ``Displacement_k``, and the truth in ``TrueLambda``, ``TrueMu`` (Pa).
+    ``Displacement_k``, the pad's constants in ``KnownYoungModulus`` and ``KnownPoissonRatio`` (NaN
+    elsewhere), and the truth in ``TrueLambda``, ``TrueMu`` (Pa).
 
     Without noise the displacements are exact solutions of the same equations that identification
     uses: a check of the arithmetic, not of robustness.
@@ -74,6 +76,8 @@ class PushingPhantom(Filter):
         grid.GetCellData().SetActiveScalars("Label")  # what a host shows first
         set_array(grid.GetCellData(), "TrueLambda", lam)
         set_array(grid.GetCellData(), "TrueMu", mu)
+        for name, value in zip(KNOWN, (self.young_modulus, self.poisson_ratio), strict=True):
+            set_array(grid.GetCellData(), name, np.where(labels == PAD, value, np.nan))
         set_array(grid.GetPointData(), "ReactionNodes", held.astype(np.uint8))
         border = ((points == points.min(axis=0)) | (points == points.max(axis=0))).any(axis=1)
         set_array(grid.GetPointData(), "OuterBorder", border.astype(np.uint8))

@@ -2,6 +2,7 @@
 
 from ..options import Flag
 from ..study import RegistrationOptions
+from ..vtk_io.arrays import read_report
 from ..vtk_io.convert import image_from_vtk
 from .base import Filter, Port
 
@@ -21,7 +22,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
     """
 
     ports = (
-        Port("mesh", "vtkUnstructuredGrid"),
+        Port("mesh", "vtkPointSet"),
         Port("rest image", "vtkImageData"),
         Port("pushed images", "vtkImageData", repeatable=True, over_time=True),
         Port("mask", "vtkImageData", optional=True),
@@ -34,7 +35,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
     # ---- inputs
 
     def SetMesh(self, mesh):
-        """Set the mesh: a vtkUnstructuredGrid, a filter or an output port."""
+        """Set the mesh: a vtkUnstructuredGrid or vtkPolyData, a filter or an output port."""
         self._connect(0, mesh)
 
     def SetRestImage(self, image):
@@ -74,3 +75,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
         ]
         chosen.mask = None if mask is None else image_from_vtk(mask, "mask")
         return displaced(mesh, chosen, progress)
+
+    def warnings_of(self, output):
+        """Return what makes the displacements doubtful."""
+        return read_report(output, "registration").get("warnings", [])

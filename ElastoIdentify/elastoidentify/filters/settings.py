@@ -7,6 +7,7 @@ the constructor keyword ``factor``; a flag ``FactorOn`` and ``FactorOff``; rows 
 
 from collections.abc import Callable, Iterable
 
+from ..errors import InputError
 from ..options import Flag, Option, Picture, Rows, Vector
 
 
@@ -17,7 +18,7 @@ def add_settings(filter_class: type, options: dict[str, Option]) -> None:
             continue
         setattr(filter_class, name, option)
         for method, function in _methods(option).items():
-            _add(filter_class, method, function, option.__doc__)
+            _add(filter_class, method, function, option)
 
 
 def _methods(option: Option) -> dict[str, Callable]:
@@ -46,9 +47,20 @@ def _methods(option: Option) -> dict[str, Callable]:
     return found
 
 
-def _add(owner: type, name: str, function: Callable, doc: str) -> None:
-    def method(self, *values):
-        return function(self, *values)
+def _add(owner: type, name: str, function: Callable, option: Option) -> None:
+    appends = isinstance(option, Rows) and name.startswith("Add")
 
-    method.__name__, method.__qualname__, method.__doc__ = name, f"{owner.__qualname__}.{name}", doc
+    def method(self, *values):
+        if not self.refusals_wait:
+            return function(self, *values)
+        if not appends:
+            self._refused.pop(option.name, None)
+        try:
+            return function(self, *values)
+        except InputError as error:
+            self._refused.setdefault(option.name, error)
+            self.Modified()  # runs again, and fails with this
+
+    method.__name__, method.__qualname__ = name, f"{owner.__qualname__}.{name}"
+    method.__doc__ = option.__doc__
     setattr(owner, name, method)

@@ -43,7 +43,13 @@ class Factoriser:
         if not np.isfinite(matrix.data).all():
             raise RuntimeError("the matrix has values that are not finite")
         if self.name == "pardiso":
-            return Pardiso(matrix, self.definite)
+            try:
+                return Pardiso(matrix, self.definite)
+            except RuntimeError:
+                if not self.definite:
+                    raise
+            # a body that is held nowhere: go on as SuperLU does, with perturbed pivots
+            return Pardiso(matrix, False)
         if self.order is None:
             self.order = nested_dissection(matrix, self.places)
         return QuasiDefiniteSolver(matrix, self.order)

@@ -36,8 +36,16 @@ in_menu = smhint.xml(f'<ShowInMenu category="ElastoIdentify" icon="{_ICON}"/>')
 
 
 def form(*parts: str):
-    """Return the class decorator that puts the XML of all `parts` into the proxy."""
-    return smproperty.xml("".join(parts))
+    """Return the class decorator that puts the XML of all `parts` into the proxy.
+
+    ParaView goes on after an exception of a setter, so what is refused fails the next run instead.
+    """
+
+    def decorate(filter_class):
+        filter_class.refusals_wait = True
+        return smproperty.xml("".join(parts))(filter_class)
+
+    return decorate
 
 
 @smproxy.source(name="PushingPhantom", label="Pushing Phantom", support_reload=False)

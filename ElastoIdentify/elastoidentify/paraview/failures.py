@@ -10,15 +10,17 @@ import importlib.abc
 import importlib.util
 import os
 import sys
+import warnings
 import weakref
 from dataclasses import dataclass
 
 from ..errors import Cancelled
-from ..filters.base import failure_listeners
+from ..filters.base import failure_listeners, warning_listeners
 
 SERVERMANAGER = "paraview.servermanager"
 
 _failures: list["_Failure"] = []
+_warnings: list[str] = []
 _kinds: dict[str, type[BaseException]] = {}  # of what was raised already
 _depth = 0
 
@@ -32,6 +34,7 @@ def install():
     if _remember in failure_listeners:
         return
     failure_listeners.append(_remember)
+    warning_listeners.append(_remember_warnings)
     servermanager = sys.modules.get(SERVERMANAGER)
     if servermanager is None:
         sys.meta_path.insert(0, _AfterImport())
@@ -78,6 +81,8 @@ def _raising(method):
             _depth -= 1
             failures = [failure for failure in _failures if failure.stands()]
             _failures.clear()
+        while _warnings and not _depth:
+            warnings.warn(_warnings.pop(0), stacklevel=2)
         if failures:
             _kinds[failures[0].line] = type(failures[0].error)
             raise _told(type(failures[0].error), failures[0].line) from failures[0].error
@@ -118,6 +123,11 @@ def _remember(filter, error):
         os._exit(1)
     if _depth or not _in_application():  # what the user does in the window is no script's failure
         _failures.append(_Failure(weakref.ref(filter), filter.GetLastError(), error))
+
+
+def _remember_warnings(filter, lines):
+    if _depth or not _in_application():
+        _warnings.extend(lines)
 
 
 def _in_application() -> bool:

@@ -173,7 +173,7 @@ def _rows(option: Rows) -> str:
         for i, column in enumerate(option.columns)
     )
     return f"""
-    <DoubleVectorProperty name="{option.title}" label="{_label(option.title)}"
+    <DoubleVectorProperty {_name(option)}
         command="Add{option.row}" clean_command="Clear{option.title}"
         repeat_command="1" number_of_elements_per_command="{n}">
       <DoubleRangeDomain name="range"/>
@@ -198,7 +198,12 @@ def _kind(option: Option) -> type:
 
 
 def _head(option: Option) -> str:
-    return f'name="{option.title}" label="{_label(option.title)}" command="Set{option.title}"'
+    return f'{_name(option)} command="Set{option.title}"'
+
+
+def _name(option: Option) -> str:
+    visibility = ' panel_visibility="advanced"' if option.advanced else ""
+    return f'name="{option.title}" label="{_label(option.title)}"{visibility}'
 
 
 def _label(title: str) -> str:

@@ -134,7 +134,10 @@ def displacement_of(grid, name: str) -> np.ndarray:
 
 
 def known_of(grid, order, by_label: dict):
-    """Return what is known: by label, or, where the mesh says it cell by cell, (n_cells, 2)."""
+    """Return what is known: by label, or, where the mesh says it cell by cell, (n_cells, 2).
+
+    What is said by label is the user's last word, and replaces what the mesh has brought along.
+    """
     cells = grid.GetCellData()
     if not any(has_array(cells, name) for name in KNOWN):
         return by_label
@@ -143,8 +146,12 @@ def known_of(grid, order, by_label: dict):
     for label, constants in by_label.items():
         here = np.zeros(1, bool) if labels is None else labels[order] == label
         if not here.any():
-            raise InputError(f"no cell of the mesh has the known material's label {label}")
-        known[here & np.isnan(known).any(axis=1)] = constants  # what is said of a cell goes first
+            there = () if labels is None else np.unique(labels).tolist()
+            raise InputError(
+                f"known label {label} does not occur in the mesh, its labels are "
+                f"{', '.join(f'{one:g}' for one in there)}"
+            )
+        known[here] = constants
     return known
 
 

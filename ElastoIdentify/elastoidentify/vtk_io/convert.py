@@ -272,10 +272,15 @@ def get_text(grid, name: str) -> str:
     Also one that a host has read from a file itself, where texts are bytes.
     """
     array = grid.GetFieldData().GetAbstractArray(name)
-    array = text_of_bytes(array) or array if array is not None else None
-    if array is None or not array.IsA("vtkStringArray") or not array.GetNumberOfValues():
-        return ""
-    return array.GetValue(0)
+    return next(iter(all_texts(array)), "") if array is not None else ""
+
+
+def all_texts(array) -> list[str]:
+    """Return all values of an array of texts, as such or as bytes; none of other arrays."""
+    array = text_of_bytes(array) or array
+    if not array.IsA("vtkStringArray"):
+        return []
+    return [array.GetValue(number) for number in range(array.GetNumberOfValues())]
 
 
 def bytes_of_text(array):

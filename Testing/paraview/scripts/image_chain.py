@@ -6,6 +6,7 @@ import elastoidentify as ei
 import numpy as np
 from elastoidentify.imaging.meshing import mesh_segmentation
 from elastoidentify.imaging.registration.registration import register
+from elastoidentify.results import to_matrices
 from elastoidentify.vtk_io import convert
 from paraview.simple import *  # noqa: F403
 
@@ -48,7 +49,7 @@ registered = register(
 for number, expected in enumerate(registered.displacements, 1):
     values = convert.get_array(found.GetPointData(), f"Displacement_{number}")
     np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
-information = np.stack([convert.matrices(rows) for rows in registered.information])
+information = np.stack([to_matrices(rows) for rows in registered.information])
 identified = ei.identify(
     points,
     [("triangle", meshed.cells)],

@@ -3,10 +3,39 @@
 import sys
 from pathlib import Path
 
+from elastoidentify.options import Picture
+from elastoidentify.study import (
+    IdentificationOptions,
+    MeshOptions,
+    RegistrationOptions,
+    ReportOptions,
+)
 from paraview import smstate
 from paraview.simple import *  # noqa: F403
 
 what, path = sys.argv[1:3]
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from option_samples import sample  # noqa: E402
+
+
+def settings(table, **more):
+    """A value of every option of a table, flat as a proxy has it, and of the filter's own."""
+    values = {o.title: flat(sample(o)) for o in table.options().values() if not is_picture(o)}
+    return {**values, **more}
+
+
+def is_picture(option):
+    return isinstance(option, Picture)
+
+
+def flat(value):
+    """Rows are one list of numbers."""
+    if not isinstance(value, tuple):
+        return int(value) if isinstance(value, bool) else value
+    rows = [row if isinstance(row, tuple) else (row,) for row in value]
+    return [float(number) for row in rows for number in row]
+
+
 SETTINGS = {
     "PushingPhantom": dict(
         Shape="quads",
@@ -24,33 +53,21 @@ SETTINGS = {
         Noise=1e-6,
         Seed=7,
     ),
-    "SegmentationToTriangleMesh": dict(
-        EdgeLength=3.5,
+    "SegmentationToTriangleMesh": settings(
+        MeshOptions,
         LabelArray="Labels",
-        SliceAxis="k",
-        SliceIndex=1,
-        BorderReactions=0,
         RigidLabels=["4"],
         ReactionBoxes=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
     ),
-    "ElastixNodalDisplacement": dict(
-        ParameterFile="/a/file.txt", Reference="previous", Backward=0, TimeStepsAsTrials=0
-    ),
-    "LameIdentification": dict(
+    "ElastixNodalDisplacement": settings(RegistrationOptions, TimeStepsAsTrials=0),
+    "LameIdentification": settings(
+        IdentificationOptions,
+        **settings(ReportOptions),
         Displacements=["Displacement_2", "Displacement_3"],
-        KnownMaterials=[1.0, 4000.0, 0.4, 3.0, 8000.0, 0.4],
-        Method="global",
-        Unknowns="young",
-        PoissonRatio=0.4,
-        Grouping="label",
-        Kinematics="neo-hookean",
-        Plane="stress",
-        Noise=1e-6,
-        Refine=4,
-        TimeStepsAsTrials=0,
+        TimeStepsAsTrials=1,
     ),
 }
-NOT_SETTINGS = {"Input", "Mesh", "RestImage", "PushedImages", "LastError"}
+NOT_SETTINGS = {"Input", "Mesh", "RestImage", "PushedImages", "Mask", "LastError"}
 
 
 def check(name, proxy):
@@ -101,7 +118,10 @@ else:
 for registered, name in NAMES.items():
     check(name, FindSource(registered))  # noqa: F405
 stiffness = FindSource("Stiffness")  # noqa: F405
-stiffness.Plane = "strain"  # with neo-hookean, plane stress is refused
+stiffness.Plane = "strain"  # with a finite-strain law, plane stress is refused
+stiffness.Method = "global"
+stiffness.KnownMaterials = [1, 4000, 0.4]  # there is no label 7,
+stiffness.ReferenceLabel = 0  # nor 4
 stiffness.UpdatePipeline()
 assert "Residual_2" in stiffness.PointData
 assert "Residual_3" not in stiffness.PointData

@@ -57,10 +57,15 @@ def fit_notes(segmentation: Image, image: Image) -> list[str]:
     return notes
 
 
-def _labelled(segmentation: Image, most: int = 20_000) -> np.ndarray:
-    """Return the world positions of labelled voxels, evenly thinned out. Shape (n, 3)."""
-    index = np.argwhere(segmentation.array != 0)[:, ::-1]
-    return segmentation.index_to_world(index[:: max(1, len(index) // most)])
+def _labelled(segmentation: Image, most: int = 2_000_000) -> np.ndarray:
+    """Return the world positions of labelled voxels, of a large volume an even share. (n, 3)."""
+    stride = max(1, int(np.ceil((segmentation.array.size / most) ** (1 / 3))))
+    if segmentation.planar_axis is not None:
+        stride = max(1, int(np.ceil((segmentation.array.size / most) ** 0.5)))
+    index = np.argwhere(segmentation.array[::stride, ::stride, ::stride] != 0) * stride
+    if not len(index) and stride > 1:  # thin labels, all between the samples
+        index = np.argwhere(segmentation.array != 0)
+    return segmentation.index_to_world(index[:, ::-1])
 
 
 def _share_inside(segmentation: Image, image: Image) -> float:

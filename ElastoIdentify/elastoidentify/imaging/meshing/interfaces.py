@@ -117,6 +117,14 @@ def build_network(
 
     Unless `merge`, close anchors are left apart: then curves never cross, however ragged they are.
     """
+    return network_of(smooth_curves(labels, spacing, edge_length), edge_length, merge)
+
+
+def smooth_curves(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> tuple:
+    """Return the curves, their sides, their ends and which x (y) of the anchors must stay.
+
+    As in :class:`Network` and :func:`merge_close_anchors`, before anything is merged or cut.
+    """
     voxels_per_edge = edge_length / np.sqrt(np.prod(spacing))
     graph = label_graph(labels)
     reach = max(5, round(voxels_per_edge / 2))
@@ -124,10 +132,16 @@ def build_network(
     smooth = smooth_points(graph, np.clip(1.5 * voxels_per_edge, 8, 24), reach) * spacing
     paths, sides = trace(graph)
     anchors, ends = np.unique([path[[0, -1]] for path in paths], return_inverse=True)
-    network = Network([smooth[path] for path in paths], sides, ends.reshape(-1, 2), [])
     pinned = graph.on_border[anchors] | graph.corners[anchors, None]
+    return [smooth[path] for path in paths], sides, ends.reshape(-1, 2), pinned
+
+
+def network_of(curves: tuple, edge_length: float, merge: bool = True) -> Network:
+    """Return the network of what :func:`smooth_curves` returns, which stays as it is."""
+    lines, sides, ends, pinned = curves
+    network = Network(list(lines), sides, ends.copy(), [])
     if merge:
-        merge_close_anchors(network, pinned, edge_length)
+        merge_close_anchors(network, pinned.copy(), edge_length)
     network.cuts = regular_cuts(network.curves, network.ends, edge_length)
     return network
 
@@ -332,8 +346,9 @@ def meeting_point(points: np.ndarray, middle: int) -> np.ndarray:
     lines = []
     for arm in (middles[:middle], middles[middle:]):
         centre = arm.mean(axis=0)
-        direction = np.linalg.svd(arm - centre)[2][0]
-        normal = np.array([-direction[1], direction[0]])
+        x, y = (arm - centre).T
+        angle = np.arctan2(2 * (x @ y), x @ x - y @ y) / 2  # of the longest axis
+        normal = np.array([-np.sin(angle), np.cos(angle)])
         lines.append([*normal, normal @ centre])
     lines = np.array(lines)
     if abs(np.linalg.det(lines[:, :2])) < 0.5:

@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ...errors import InputError
 from ...progress import Progress, part, silent
-from .interfaces import Network, build_network
+from .interfaces import Network, network_of, smooth_curves
 from .quality import triangle_angles, triangle_areas
 
 RELAXATIONS = 5
@@ -39,9 +39,10 @@ def mesh_triangles(
     Points are in scaled indices: voxel (row, column) has its centre at (column, row) · spacing.
     """
     progress(0.0, "Borders between labels")
-    network = build_network(labels, spacing, edge_length)
+    curves = smooth_curves(labels, spacing, edge_length)
+    network = network_of(curves, edge_length)
     if not parted(network):
-        network = build_network(labels, spacing, edge_length, merge=False)
+        network = network_of(curves, edge_length, merge=False)
         parted(network)
     fixed, segments, _ = network.sample()
     frame = frame_points(labels.shape, spacing, edge_length)
