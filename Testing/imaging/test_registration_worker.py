@@ -243,7 +243,7 @@ def test_stopped_in_the_second_step_nothing_stays(monkeypatch, tmp_path, stop):
     monkeypatch.chdir(tmp_path)
     waiting = []
 
-    def interrupted(*arguments):
+    def interrupted(*arguments, **options):
         waiting.append(leftovers()[1] - before[1])
         raise stop
 
