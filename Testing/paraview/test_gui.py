@@ -17,7 +17,7 @@ INFORMATION = (
     f"{WINDOW}/informationDock/informationWidgetFrame/informationScrollArea/{SCROLL}"
     "/informationWidget"
 )
-KNOWN = f"{FORM}/KnownMaterials/ScalarValueList/Table"
+KNOWN = f"{FORM}/KnownMaterials/ScalarValueList"
 PICTURES = HERE.parents[1] / "docs" / "pictures"
 
 
@@ -45,10 +45,20 @@ def menu(name, entry):
     ]
 
 
-def known_material(column, value):
+def known_material(*row):
+    """One more row in the table, which is empty to begin with."""
+    return [event(f"{KNOWN}/Add", "activate"), *changed(dict(enumerate(row)))]
+
+
+def changed(cells):
+    """Edit the table's first row: column → value."""
     return [
-        event(KNOWN, "edit", f"0.{column}"),
-        event(KNOWN, "editAccepted", f"0.{column},{value}"),
+        step
+        for column, value in cells.items()
+        for step in (
+            event(f"{KNOWN}/Table", "edit", f"0.{column}"),
+            event(f"{KNOWN}/Table", "editAccepted", f"0.{column},{value}"),
+        )
     ]
 
 
@@ -112,7 +122,7 @@ def identified(young, expected):
         apply(),
         check(f"{INFORMATION}/cellCount", "text", 64),
         *menu("menuFilters", "LameIdentification"),
-        *known_material(1, young),
+        *known_material(1, young, 0.43),
         apply(),
         check(f"{INFORMATION}/cellCount", "text", 64),
         *rounded("floor(Mu+0.5)"),
@@ -120,7 +130,7 @@ def identified(young, expected):
     ]
 
 
-RESULT = "11.2"  # where the Calculator's array and its range stand in the table of arrays
+RESULT = "13.2"  # where the Calculator's array and its range stand in the table of arrays
 
 
 def test_menus_table_and_apply_give_the_right_stiffness(tmp_path, display):
@@ -142,10 +152,10 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
         *menu("menuSources", "PushingPhantom"),
         apply(),
         *menu("menuFilters", "LameIdentification"),
-        *known_material(0, 9),
+        *known_material(9, 5000, 0.43),
         apply(),
         check(f"{INFORMATION}/cellCount", "text", 0),
-        *known_material(0, 1),
+        *changed({0: 1}),
         apply(),
         check(f"{INFORMATION}/cellCount", "text", 128),
     ]
