@@ -151,7 +151,7 @@ def _card(out: Path, name: str, rows: list[dict]) -> str:
             values = (
                 f"{figure(_number(row['Mu mean']))} ± {figure(_number(row['Mu standard error']))}"
             )
-            title = f"{row['label']} {row['name']}".strip()
+            title = row["name"] if row["name"] not in ("", "n/a") else f"label {row['label']}"
             parts.append(f"<p>{escape(title)}: μ {values} {escape(row['unit'])}</p>")
     if rows[0]["message"] not in ("", "n/a"):
         parts.append(f"<p>{escape(rows[0]['message'])}</p>")
@@ -177,7 +177,7 @@ def _distributions(rows: list[dict]) -> list[str]:
         unit = next(row["unit"] for row in rows if row["label"] == label)
         ends = f'<text x="20" y="50">{figure(low)}</text>'
         ends += f'<text x="580" y="50" text-anchor="end">{figure(high)} {escape(unit)}</text>'
-        title = f"{label} {name}".strip()
+        title = name if name not in ("", "n/a") else f"label {label}"
         parts.append(f"<h3>Shear modulus of {escape(title)}, {len(values)} subjects</h3>")
         parts.append(f'<svg width="600" height="58" role="img">{dots}{ends}</svg>')
     return parts
