@@ -66,7 +66,10 @@ def test_registration_writes_the_axes(monkeypatch):
     made.SetMesh(grid)
     made.SetRestImage(image)
     made.AddPushedImage(image)
+    said = []
+    made.AddObserver("ProgressEvent", lambda *_: said.append(made.GetProgressText()))
     made.Update()
+    assert "starting elastix" in said
     assert all(made.GetOutput().GetCellData().HasArray(name) for name in FRAME)
 
 

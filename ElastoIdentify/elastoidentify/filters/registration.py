@@ -68,6 +68,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
         """Return the mesh with displacements."""
         from ..vtk_io.steps import displaced
 
+        progress(0.0, "starting elastix")  # which takes a while to say anything
         chosen = self.choices(RegistrationOptions)
         chosen.rest = image_from_vtk(rest, "rest image")
         chosen.pushed = [
