@@ -125,6 +125,8 @@ def _parameterNode():
         "show": "Mu",
     }
     fields |= parameters.annotations(defaults)
+    # The library takes any word; a box of choices in the panel needs some, or Slicer connects none.
+    fields["unit"], defaults["unit"] = Annotated[str, Choice(["kPa", "Pa", "MPa"])], "kPa"
     about = {"__doc__": _parameterNode.__doc__, "__module__": __name__, "__annotations__": fields}
     return parameterNodeWrapper(type("ElastoIdentifyParameterNode", (), {**about, **defaults}))
 

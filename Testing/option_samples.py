@@ -9,6 +9,7 @@ SPECIAL = {
     "known_materials": ((1, 5000.0, 0.43), (7, 10.0, 0.3)),
     "parameter_file": "affine",
     "unit": "kPa",
+    "cache": "kept",
     "length_unit": "cm",
     "slice_axis": "j",
 }

@@ -266,7 +266,7 @@ def _chart(table, request, name: str):
     series.SetColor(0.2, 0.45, 0.6)
     chart = _add("vtkMRMLPlotChartNode", f"{name}: chart")
     chart.AddAndObservePlotSeriesNodeID(series.GetID())
-    chart.SetTitle("Mean shear modulus by segment (its standard error is in the table)")
+    chart.SetTitle("Mean shear modulus by segment")
     chart.SetYAxisTitle(f"μ ({request.unit})")
     chart.SetXAxisTitle("segment")
     chart.SetLegendVisibility(False)

@@ -9,7 +9,7 @@ from importlib import import_module
 from . import _moved
 from .errors import Cancelled, InputError
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _moved.install()
 

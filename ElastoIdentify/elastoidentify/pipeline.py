@@ -103,7 +103,13 @@ def run(
     mesh = mesh or make_mesh(study, part(progress, 0.0, 0.05))
     if from_images:
         check(study, mesh)
-        registration = measure(study, mesh.points, mesh.cells, part(progress, 0.05, 0.7))
+        registration = measure(
+            study,
+            mesh.points,
+            mesh.cells,
+            reaction_nodes=mesh.reaction_nodes,
+            progress=part(progress, 0.05, 0.7),
+        )
     if displacements is None:
         displacements = registration.displacements
     result = identify_mesh(
@@ -199,9 +205,13 @@ def measure(
     options: RegistrationOptions,
     points: np.ndarray,
     cells: np.ndarray,
+    *,
+    reaction_nodes: np.ndarray | None = None,
     progress: Progress | None = None,
 ):
     """Return the Registration of the images at the mesh's nodes.
+
+    At `reaction_nodes` an outside body touches, and the strain ends.
 
     A planar mesh in a slice of volumes is registered in that slice.
     """
@@ -211,7 +221,16 @@ def measure(
     if cells.shape[1] == 3:
         rest, pushed, mask = _slices(rest, pushed, mask, points)
     chosen = keywords(options, RegistrationOptions)
-    return register(rest, pushed, points, cells, mask=mask, **chosen, progress=progress)
+    return register(
+        rest,
+        pushed,
+        points,
+        cells,
+        mask=mask,
+        reaction_nodes=reaction_nodes,
+        **chosen,
+        progress=progress,
+    )
 
 
 def _slices(rest, pushed, mask, points):

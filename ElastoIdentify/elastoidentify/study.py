@@ -129,6 +129,27 @@ class RegistrationOptions(Table):
         group="Registration",
         advanced=True,
     )
+    cache = Text(
+        "",
+        "Folder in which finished registrations are kept: a run that was killed and is repeated "
+        "goes on where it was. Empty: none.",
+        own_choice="",
+        group="Registration",
+        advanced=True,
+        flags=["--cache", "--resume"],
+        metavar="FOLDER",
+    )
+    workers = Number(
+        0,
+        "Registrations at once, each an elastix process of about 0.9 GB in a volume. 0: one per "
+        "core for volumes, one for slices.",
+        minimum=0,
+        kind=int,
+        own_choice=0,
+        group="Registration",
+        advanced=True,
+        metavar="N",
+    )
     parameter_file = File(
         "elastix parameter file instead of ours, or 'affine' or 'bspline'; several: one "
         "after the other.",

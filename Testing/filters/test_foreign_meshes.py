@@ -300,3 +300,20 @@ def test_foreign_bytes_stay_bytes_and_lists_of_texts_stay_lists(tmp_path):
     assert fields.GetArray("Bytes").GetNumberOfTuples() == 5
     back = fields.GetAbstractArray("Names")
     assert [back.GetValue(n) for n in range(3)] == ["pad", "", "Gewebe ä"]
+
+
+def test_the_table_that_we_write_opens_in_pandas(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    from elastoidentify.report.table import write_table
+
+    rows = [
+        {"label": 1, "name": 'pad, "upper"', "YoungModulus median": 5000.0, "unit": "Pa"},
+        {"label": 2, "name": "Gewebe ä", "YoungModulus median": float("nan"), "unit": "Pa"},
+    ]
+    write_table(tmp_path / "map.csv", rows, {"files": ["a,b.nrrd", 'c"d\n']})
+    found = pandas.read_csv(tmp_path / "map.csv")
+    assert found["label"].tolist() == [1, 2]
+    assert found["name"].tolist() == ['pad, "upper"', "Gewebe ä"]
+    assert found["YoungModulus median"][0] == 5000.0
+    assert np.isnan(found["YoungModulus median"][1])
+    assert "a,b.nrrd" in found["provenance"][0]

@@ -92,6 +92,21 @@ def test_a_transform_whose_numbers_do_not_fit_its_grid(tmp_path, old, new):
         displacement_from_transform(tmp_path / "a.tfm", NODES)
 
 
+@pytest.mark.parametrize("at", [0, 4, 8, 12, 16])
+@pytest.mark.parametrize("value", [-1, 1000, 2**30])
+def test_a_matlab_transform_whose_header_does_not_fit(tmp_path, at, value):
+    affine = sitk.AffineTransform(3)
+    affine.SetTranslation([0.1, 0.2, 0])
+    sitk.WriteTransform(affine, str(tmp_path / "a.mat"))
+    found = displacement_from_transform(tmp_path / "a.mat", NODES)
+    assert np.allclose(found.displacement, [0.1, 0.2, 0])
+    whole = (tmp_path / "a.mat").read_bytes()
+    lie = whole[:at] + struct.pack("<i", value) + whole[at + 4 :]
+    (tmp_path / "a.mat").write_bytes(lie)
+    with pytest.raises(InputError, match="damaged"):
+        displacement_from_transform(tmp_path / "a.mat", NODES)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.77, 0.95])
 def test_a_cut_hdf5_transform(tmp_path, share, capfd):
     array = np.full((2, 10, 10, 3), 0.25)
@@ -128,4 +143,27 @@ def test_texts_of_a_mesh_that_are_not_as_many_as_it_claims(tmp_path, mode, packe
     lie = whole.replace(b'NumberOfTuples="1"', b'NumberOfTuples="%d"' % claim)
     (tmp_path / "a.vtu").write_bytes(lie)
     with pytest.raises(InputError, match="texts"):
+        read_mesh(tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize("packed", ["None", "ZLib"])
+@pytest.mark.parametrize("gone", [1, 4, 7, 40])
+def test_texts_of_a_mesh_that_are_shorter_than_they_claim(tmp_path, packed, gone):
+    pytest.importorskip("vtkmodules")
+    from elastoidentify.vtk_io import convert
+    from elastoidentify.vtk_io.vtu import read_mesh
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    grid = convert.mesh_to_vtk(np.eye(3), np.array([[0, 1, 2]]))
+    convert.set_text(grid, "Report", "".join(str(n) for n in range(60)))
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetFileName(str(tmp_path / "a.vtu"))
+    writer.SetInputData(grid)
+    writer.SetDataModeToBinary()
+    getattr(writer, f"SetCompressorTypeTo{packed}")()
+    writer.Write()
+    whole = (tmp_path / "a.vtu").read_bytes()
+    end = whole.index(b"\n", whole.index(b">", whole.index(b'"Report"')) + 2)
+    (tmp_path / "a.vtu").write_bytes(whole[: end - 6 - gone] + whole[end - 6 :])
+    with pytest.raises(InputError):
         read_mesh(tmp_path / "a.vtu")

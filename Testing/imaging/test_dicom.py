@@ -47,8 +47,7 @@ def assert_grid(image, values, positions, orientation, spacing=(0.8, 1.3), atol=
 
 
 @pytest.mark.parametrize("plane", PLANES)
-@pytest.mark.parametrize("step", [0.7, 1.1, 0.625, 3.0, -2.2])
-@pytest.mark.parametrize("digits", [13, 6, 2])
+@pytest.mark.parametrize("step, digits", [(0.7, 13), (1.1, 2), (0.625, 6), (3.0, 13), (-2.2, 2)])
 def test_a_series_is_where_its_files_say(tmp_path, plane, step, digits):
     values, orientation = volume(), PLANES[plane]
     order = np.random.default_rng(0).permutation(len(values))

@@ -55,3 +55,20 @@ def test_a_volume_goes_from_files_to_the_moduli_of_its_labels(tmp_path):
     }
     assert found["tissue"] == pytest.approx(3000, rel=0.1)
     assert found["inclusion"] / found["tissue"] == pytest.approx(3, rel=0.1)
+
+
+def test_the_command_makes_a_volume_whose_ball_the_segmentation_hides(tmp_path, capsys):
+    from elastoidentify.cli import main
+    from elastoidentify.imaging.io import read_image
+
+    words = ["phantom", "--out", str(tmp_path / "p"), "--image", "speckle", "--pixels", "20"]
+    assert main([*words, "--3d", "--hidden", "--push", "0,0,-0.05", "--push", "0.03,0,-0.03"]) == 0
+    said = capsys.readouterr().out
+    assert "elastoidentify run" in said and said.count("--pushed") == 2
+    labels = read_image(tmp_path / "p" / "segmentation.nrrd").array
+    young = read_image(tmp_path / "p" / "true_young.nrrd").array
+    assert labels.ndim == 3 and min(labels.shape) > 8
+    in_tissue = np.unique(young[labels == 2])
+    assert np.isclose(in_tissue.max(), 9000) and np.isclose(in_tissue.min(), 3000)
+    assert main([*words, "--3d", "--push", "0,0.05"]) == 2
+    assert "with --3d it takes 3 numbers" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import elastoidentify
 import numpy as np
 import pytest
 from elastoidentify import cli
@@ -156,7 +157,10 @@ def test_table2_prints_the_papers_figures(capsys):
 
 
 def test_help_version_and_module(capsys):
-    assert run("--version", capsys=capsys)[:2] == (0, "elastoidentify 0.1.0\n")
+    assert run("--version", capsys=capsys)[:2] == (
+        0,
+        f"elastoidentify {elastoidentify.__version__}\n",
+    )
     code, text, _ = run("run", "--help", capsys=capsys)
     assert code == 0
     assert "--reaction-box" in text

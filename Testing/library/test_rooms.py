@@ -21,7 +21,7 @@ FLOORS = [
     ["vtk_io"],
     ["filters"],
     ["examples", "export"],
-    ["paraview"],
+    ["paraview", "cohort"],
     ["cli"],
 ]
 """From the ground up: a room may import what is below it, and itself."""

@@ -17,6 +17,8 @@ EXTRAS = {
     "SimpleITK": "registration",
     "itk": "registration",
     "matplotlib": "all",
+    "highdicom": "dicom",
+    "meshio": "fem",
     "skfem": "demo",
 }
 

@@ -10,12 +10,12 @@ from ..options import Picture, Table
 from ..report.terminal import TerminalProgress, figure
 from ..study import (
     IdentificationOptions,
-    MeshOptions,
     ReadOptions,
     RegistrationOptions,
     ReportOptions,
     Study,
 )
+from . import exports
 from . import parser as options
 
 
@@ -34,33 +34,70 @@ def demo(arguments) -> None:
 
 def phantom(arguments) -> None:
     """Make images of a pushed block whose stiffness is known."""
-    from ..imaging.io import output_folder, read_image
-    from ..imaging.phantom import Inclusion, make_phantom, write_phantom
-    from ..imaging.phantom.texture import mni152_path, slice_of
+    from ..imaging.io import output_folder
+    from ..imaging.phantom import write_phantom
 
-    inclusions = [Inclusion()]
-    if arguments.inclusion is not None:
-        inclusions = [Inclusion(*numbers) for numbers in arguments.inclusion]
-    wanted = {
-        name: getattr(arguments, name)
-        for name in (
-            *("pad", "poisson", "noise", "seed", "width", "height", "pixels", "anisotropy"),
-            *("tissue_young", "pad_young", "kinematics"),
-        )
-    }
-    if arguments.push:
-        wanted["pushes"] = arguments.push
     with output_folder(arguments.out), TerminalProgress("phantom") as progress:
-        texture = None
-        if arguments.image != "speckle":
-            image = read_image(arguments.image or mni152_path())
-            axis = None if arguments.slice_axis is None else "ijk".index(arguments.slice_axis)
-            texture = slice_of(image, axis, arguments.slice)
-        made = make_phantom(texture, inclusions=inclusions, progress=progress, **wanted)
+        make = _volume_phantom if arguments.volume else _planar_phantom
+        made = make(arguments, progress)
         files = write_phantom(arguments.out, made)
     names = ", ".join(file.name for file in files)
     print(f"{len(files)} files in {arguments.out}: {names}")
     print("try them with:\n  " + run_command(made, Path(arguments.out)))
+
+
+PHANTOM = (
+    *("pad", "poisson", "noise", "seed", "width", "height", "anisotropy", "tissue_young"),
+    *("pad_young", "kinematics"),
+)
+
+
+def _phantom_options(arguments, dimension: int) -> dict:
+    """Return what both kinds of phantom take; rows of numbers must be of its dimension."""
+    wanted = {name: getattr(arguments, name) for name in PHANTOM}
+    for name, length in (("inclusion", dimension + 2), ("push", dimension)):
+        wrong = [row for row in getattr(arguments, name) or () if len(row) != length]
+        if wrong:
+            row = ",".join(f"{number:g}" for number in wrong[0])
+            kind = "without" if dimension == 2 else "with"
+            raise InputError(f"--{name} {row}: {kind} --3d it takes {length} numbers")
+    if arguments.push:
+        wanted["pushes"] = arguments.push
+    return wanted
+
+
+def _planar_phantom(arguments, progress):
+    from ..imaging.io import read_image
+    from ..imaging.phantom import Inclusion, make_phantom
+    from ..imaging.phantom.texture import mni152_path, slice_of
+
+    wanted = _phantom_options(arguments, 2) | {"pixels": arguments.pixels or 208}
+    if arguments.hidden:
+        raise InputError("--hidden is for --3d: in a slice, leave the inclusion's label out")
+    inclusions = [Inclusion()]
+    if arguments.inclusion is not None:
+        inclusions = [Inclusion(*numbers) for numbers in arguments.inclusion]
+    texture = None
+    if arguments.image != "speckle":
+        image = read_image(arguments.image or mni152_path())
+        axis = None if arguments.slice_axis is None else "ijk".index(arguments.slice_axis)
+        texture = slice_of(image, axis, arguments.slice)
+    return make_phantom(texture, inclusions=inclusions, progress=progress, **wanted)
+
+
+def _volume_phantom(arguments, progress):
+    from ..imaging.io import read_image
+    from ..imaging.phantom import Ball, make_phantom_volume
+    from ..imaging.phantom.texture import mni152_path
+
+    wanted = _phantom_options(arguments, 3)
+    wanted |= {"voxels": arguments.pixels or 48, "hidden": arguments.hidden}
+    if arguments.inclusion is not None:
+        wanted["balls"] = [Ball(*numbers) for numbers in arguments.inclusion]
+    texture = None
+    if arguments.image != "speckle":
+        texture = read_image(arguments.image or mni152_path())
+    return make_phantom_volume(texture, progress=progress, **wanted)
 
 
 def run_command(phantom, folder: Path) -> str:
@@ -71,7 +108,7 @@ def run_command(phantom, folder: Path) -> str:
     words += [f"--pushed {folder / f'pushed_{k + 1}.nrrd'}" for k in range(len(phantom.pushed))]
     words += [
         f"--segmentation {folder / 'segmentation.nrrd'}",
-        f"--edge-length {12 * phantom.rest.spacing[:2].max():.3g}",
+        f"--edge-length {_edge(phantom):.3g}",
         f"--known {pad}:E={material.young:g},nu={material.poisson:g}",
         *(f"--rigid {label}" for label in phantom.rigid_labels),
         f"--kinematics {phantom.parameters['kinematics']}",
@@ -80,13 +117,18 @@ def run_command(phantom, folder: Path) -> str:
     return " ".join(words)
 
 
+def _edge(phantom) -> float:
+    """Return a sensible edge length: twelve pixels of a slice, six voxels of a volume."""
+    return (12 if phantom.rest.planar_axis is not None else 6) * phantom.rest.spacing[:2].max()
+
+
 def mesh(arguments) -> None:
     """Mesh a segmentation."""
     from ..pipeline import make_mesh
     from ..vtk_io.arrays import write_label_mesh
 
-    _check_outputs({"--output": (arguments.output, options.MESH)}, _paths(arguments, MeshOptions))
-    files = _read(arguments, MeshOptions)
+    _check_outputs({"--output": (arguments.output, options.MESH)}, _paths(arguments, Study))
+    files = _read(arguments, Study)
     with TerminalProgress("mesh") as progress:
         made = make_mesh(files.chosen, progress)
     _say_mesh(made)
@@ -319,6 +361,13 @@ def _check_result_outputs(arguments, inputs) -> None:
     )
     if arguments.picture is not None:
         import matplotlib  # noqa: F401  a missing extra is said now
+    exports.check(arguments, _rest_path(arguments), inputs, getattr(arguments, "unit", None))
+
+
+def _rest_path(arguments) -> str | None:
+    """Return the file of the image on whose grid maps are written."""
+    pushed = getattr(arguments, "pushed", None) or [None]
+    return getattr(arguments, "rest", None) or pushed[0]
 
 
 def _deliver(arguments, study, grid, rest) -> None:
@@ -344,6 +393,7 @@ def _deliver(arguments, study, grid, rest) -> None:
         text = json.dumps({about: read_report(grid, about) for about in REPORTS}, indent=1)
         write_whole(Path(arguments.report), lambda part: part.write_text(text, encoding="utf-8"))
         print(f"wrote {arguments.report}")
+    exports.deliver(arguments, grid, rest, _rest_path(arguments))
 
 
 def _write_mesh(path: str, grid) -> None:

@@ -16,6 +16,7 @@ from ..study import (
 )
 
 MESH, PICTURE, TABLE, REPORT = (".vtu",), (".png", ".pdf", ".svg"), (".csv",), (".json",)
+PAGE = (".html", ".htm")
 """How output files of each kind must end."""
 
 
@@ -152,7 +153,7 @@ class _Slice(argparse.Action):
 
 def make_parser() -> Parser:
     """Return the parser of the whole command line."""
-    from . import commands
+    from . import commands, exports
 
     parser = Parser(
         prog="elastoidentify",
@@ -163,7 +164,7 @@ def make_parser() -> Parser:
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
 
     def add(command):
-        name, text = command.__name__, command.__doc__.splitlines()[0]
+        name, text = command.__name__.replace("_", "-"), command.__doc__.splitlines()[0]
         one = subparsers.add_parser(name, help=text, description=text)
         one.set_defaults(command=command)
         return one
@@ -173,6 +174,7 @@ def make_parser() -> Parser:
     one = add(commands.mesh)
     one.add_argument("segmentation", metavar="SEG", help="labelmap; 0 is background")
     _mesh(one, leave_out=["segmentation"])
+    add_options(one, RegistrationOptions, RegistrationOptions.options().keys() - {"rest"})
     add_options(one, ReadOptions)
     _output(one)
     one = add(commands.register)
@@ -193,6 +195,10 @@ def make_parser() -> Parser:
     _results(one)
     one = add(commands.info)
     one.add_argument("map", metavar="MAP.vtu", help="a result")
+    _export(add(exports.export))
+    _convert(add(exports.convert))
+    _to_fem(add(exports.to_fem))
+    _repeatability(add(exports.repeatability))
     add(commands.table2)
     subparsers.add_parser("paraview", help="Start ParaView with the filters in place.")
     return parser
@@ -222,6 +228,95 @@ def _results(parser) -> None:
     add("--picture", metavar="OUT.png", help="draw rest image, μ, λ and uncertainty")
     add("--table", metavar="OUT.csv", help="write the figures per label")
     add("--report", metavar="OUT.json", help="write how it was made, all reports and warnings")
+    _formats(parser)
+
+
+def _formats(parser) -> None:
+    """Declare what a result is written as, beside its mesh."""
+    add = parser.add_argument_group("for others").add_argument
+    add(
+        "--dicom",
+        metavar="FOLDER",
+        help="write μ and its standard deviation as DICOM Parametric Maps in kPa, labels and cells "
+        "that were not determined as DICOM SEG, on the rest image's grid",
+    )
+    add(
+        "--nifti",
+        metavar="PREFIX",
+        help="write PREFIX_mu.nii.gz, _mu_std, _E, _E_std, _status, _label, on the rest image's "
+        "grid, with JSON sidecars",
+    )
+    add("--html", metavar="OUT.html", help="write a page: picture, figures, warnings, provenance")
+
+
+def _export(parser) -> None:
+    parser.add_argument("map", metavar="MAP.vtu", help="a result")
+    parser.add_argument("--rest", metavar="IMAGE", help="the rest image: maps get its grid")
+    _formats(parser)
+    add = parser.add_argument
+    add("--quantity", choices=("Mu", "YoungModulus"), default="Mu", help="for --dicom (default Mu)")
+    add("--patient-id", default="", metavar="ID", help="for --dicom, of a rest image without DICOM")
+    add("--patient-name", default="", metavar="NAME", help="likewise, as in Doe^Jane")
+    add_options(parser, ReadOptions)
+
+
+def _convert(parser) -> None:
+    add = parser.add_argument
+    add("source", metavar="IN", help="whatever is read elsewhere: NRRD, NIfTI, MHA, DICOM, …")
+    add("target", metavar="OUT", help="ends in .nrrd, .nii, .nii.gz or .mha")
+    add(
+        "--segmentation",
+        dest="is_segmentation",
+        action="store_true",
+        help="labels are read, of DICOM SEG and RTSTRUCT too",
+    )
+    add("--reference", metavar="IMAGE", help="what was segmented, for the grid of an RTSTRUCT")
+    add_options(parser, ReadOptions)
+
+
+def _to_fem(parser) -> None:
+    add = parser.add_argument
+    add("map", metavar="MAP.vtu", help="a result")
+    add(
+        "target",
+        metavar="OUT",
+        help="ends in .inp (Abaqus, CalculiX), .feb (FEBio), .vtu, .vtk or .msh",
+    )
+    add("--trial", type=int, default=1, metavar="N", help="whose push is applied (default 1)")
+    add(
+        "--held",
+        choices=("reaction", "boundary"),
+        default="reaction",
+        help="nodes whose displacement is given: where an outside body may push (default), or the "
+        "whole boundary",
+    )
+    add(
+        "--fill",
+        metavar="E",
+        help="for cells without a value: label (the mean of their label) or a Young's modulus; "
+        "without it they are refused",
+    )
+
+
+def _repeatability(parser) -> None:
+    add = parser.add_argument
+    add("results", nargs="*", metavar="RESULT", help="maps (.vtu) or tables (.csv) of one subject")
+    add(
+        "--subject",
+        dest="subjects",
+        action="append",
+        nargs="+",
+        metavar="RESULT",
+        help="the results of one more subject, in the order of time; repeatable",
+    )
+    add(
+        "--column",
+        default="Mu mean",
+        metavar="NAME",
+        help="which figure of the table of labels (default 'Mu mean')",
+    )
+    add("--table", metavar="OUT.csv", help="write the figures")
+    add("--picture", metavar="OUT.png", help="draw differences over means (Bland-Altman)")
 
 
 def _demo(parser) -> None:
@@ -241,19 +336,21 @@ def _phantom(parser) -> None:
     add(
         "--inclusion",
         action="append",
-        type=parse_numbers(4),
-        metavar="X,Y,RADIUS,CONTRAST",
-        help="disc: centre and radius as shares of the block, stiffness over the tissue's; "
-        "repeatable (default 0.55,0.6,0.15,3)",
+        type=parse_numbers(4, 5),
+        metavar="X,Y[,Z],RADIUS,CONTRAST",
+        help="disc, or ball with --3d: centre and radius as shares of the block, stiffness over "
+        "the tissue's; repeatable (default 0.55,0.6,0.15,3; with --3d 0.5,0.5,0.4,0.2,3)",
     )
     add(
         "--push",
         action="append",
-        type=parse_numbers(2),
-        metavar="X,Y",
-        help="of the indenter, right and down, as shares of the height; one per trial "
-        "(default 0,0.05 and 0.035,0.035)",
+        type=parse_numbers(2, 3),
+        metavar="X,Y[,Z]",
+        help="of the indenter, right and down (with --3d: right, back, up), as shares of the "
+        "height; one per trial (default 0,0.05 and 0.035,0.035; with --3d three of them)",
     )
+    add("--3d", dest="volume", action="store_true", help="volumes with a ball instead of a slice")
+    add("--hidden", action="store_true", help="the segmentation does not show the inclusions")
     add("--pad", type=float, default=0.25, help="thickness of the pad, share of the height")
     add("--tissue-young", type=float, default=3000.0, metavar="PA")
     add("--pad-young", type=float, default=5000.0, metavar="PA")
@@ -262,7 +359,7 @@ def _phantom(parser) -> None:
     add("--seed", type=int, default=0)
     add("--width", type=float, metavar="MM", help="of the block")
     add("--height", type=float, metavar="MM", help="of the block (default: its width)")
-    add("--pixels", type=int, default=208, help="across the block (default 208)")
+    add("--pixels", type=int, help="across the block (default 208; with --3d 48)")
     add("--anisotropy", type=float, default=1.0, help="height over width of a pixel")
     add("--kinematics", choices=(LAWS[0], LAWS[2]), default=LAWS[0])
 

@@ -81,13 +81,7 @@ class CellMap:
     @property
     def to_kilopascal(self) -> float:
         """What a modulus is multiplied with to be in kPa."""
-        factor = TO_KILOPASCAL.get(self.unit.strip().lower())
-        if factor is None:
-            raise InputError(
-                f"unit {self.unit!r}: not known, so the map cannot be given in kPa; say --unit Pa, "
-                "kPa, MPa or N/mm²"
-            )
-        return factor
+        return kilopascal(self.unit)
 
     @property
     def to_millimetre(self) -> float:
@@ -112,6 +106,23 @@ class CellMap:
     def not_determined(self) -> np.ndarray:
         """Which cells have no value that can be read."""
         return np.isin(self.status, (Status.NOT_DETERMINED, Status.OUT_OF_RANGE))
+
+
+def kilopascal(unit: str) -> float:
+    """Return how many kPa a unit of stress is.
+
+    Raises
+    ------
+    InputError
+        A unit that is not known.
+    """
+    factor = TO_KILOPASCAL.get(unit.strip().lower())
+    if factor is None:
+        raise InputError(
+            f"unit {unit!r}: not known, so the map cannot be given in kPa; say --unit Pa, kPa, MPa "
+            "or N/mm²"
+        )
+    return factor
 
 
 def from_outcome(outcome, names: Mapping[int, str] | None = None) -> CellMap:

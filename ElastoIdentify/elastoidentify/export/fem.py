@@ -389,7 +389,13 @@ def _febio_elements(name: str, kind: str, nodes, numbers) -> str:
 
 def _febio_data(name: str, domain: str, values) -> str:
     rows = [f'<elem lid="{k}">{float(value)!r}</elem>' for k, value in enumerate(values, 1)]
-    return "\n".join([f'<ElementData name="{name}" elem_set="{domain}">', *rows, "</ElementData>"])
+    return "\n".join(
+        [
+            f'<ElementData name="{name}" elem_set="{domain}" data_type="scalar">',
+            *rows,
+            "</ElementData>",
+        ]
+    )
 
 
 def _febio_displacement(axis: int, values) -> str:

@@ -18,7 +18,7 @@ ANCHOR_STD = {"modulus": 3.0, "ratio": 1.5}  # natural logarithms, around the kn
 # exponents of the reweighted prior, p(jump) ∝ |jump|^−3 beyond the smoothing: of the sharpened map
 # by dimension (a closed surface has many more sides than a closed line, and each costs), and of the
 # posterior around it
-SHARPENING, REWEIGHTING = {2: 3.0, 3: 1.5}, 3.0
+SHARPENING, REWEIGHTING = {2: 3.0, 3: 0.5}, 3.0
 SMOOTHING = 0.02  # jumps of log-moduli below this count as none
 
 

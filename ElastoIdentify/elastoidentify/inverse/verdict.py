@@ -77,8 +77,8 @@ def noise_factor(report: dict, informed: bool) -> float | None:
     """Return the noise found over the noise stated; None where nothing was stated."""
     scale = report.get("noise_scale")
     if report.get("noise_given"):
-        misfit = report.get("misfit")
-        return None if misfit is None else float(np.sqrt(misfit))
+        found = report.get("noise_found")
+        return None if found is None or not scale else float(found / scale)
     return scale if informed and scale is not None else None
 
 

@@ -29,7 +29,13 @@ def meshed(options, progress=None):
 
 def displaced(mesh, options, progress=None):
     """Return the mesh with the displacements that images show."""
-    found = pipeline.measure(options, mesh_points(mesh), simplices(mesh), progress)
+    found = pipeline.measure(
+        options,
+        mesh_points(mesh),
+        simplices(mesh),
+        reaction_nodes=reaction_nodes(mesh),
+        progress=progress,
+    )
     grid = _copied(mesh)
     write_registration(grid, found)
     return grid

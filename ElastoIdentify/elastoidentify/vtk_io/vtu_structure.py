@@ -241,7 +241,11 @@ def _bytes_of(raw, encoded: bool, file: _File) -> int | None:
 
     def room(start_size: int) -> int:
         """Bytes that can follow a header of so many bytes."""
-        return 3 * (len(raw) // 4 + 1) if encoded else len(raw) - start_size
+        if not encoded:
+            return len(raw) - start_size
+        packed = file.compressor is not None  # then the header is encoded by itself
+        begin, taken = (4 * -(-start_size // 3), 0) if packed else (0, start_size)
+        return 3 * (len(raw) - begin) // 4 - taken
 
     if len(raw) < item:
         return None
@@ -280,6 +284,8 @@ def _unpacked(raw, encoded: bool, file: _File) -> bytes:
     if file.compressor is None:
         (size,) = _numbers(raw, 1, encoded, file)
         whole = _decoded(raw, item + size) if encoded else bytes(raw[: item + size])
+        if len(whole) != item + size:
+            raise _Broken("an array is cut short")
         return whole[item:]
     (blocks,) = _numbers(raw, 1, encoded, file)
     if blocks == 0:

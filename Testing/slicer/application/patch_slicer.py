@@ -73,3 +73,19 @@ change(
     // Set 'sys.executable' so""",
     ),
 )
+
+# The launcher of the designer belongs to a package, which is not made.
+change(
+    "CMake/SlicerCPack.cmake",
+    (
+        r"^if\(Slicer_BUILD_QT_DESIGNER_PLUGINS\)",
+        "if(Slicer_BUILD_QT_DESIGNER_PLUGINS AND Slicer_USE_CTKAPPLAUNCHER)",
+    ),
+)
+
+# Slicer's vtk loads a module of VTK when it is asked for, and the wrappers of Slicer's classes load
+# those of their base classes; the latter with a later vtkAddon than sources.txt has.
+change(
+    "Base/Python/slicer/__init__.py",
+    (r"^import vtk  # noqa: F401", "import vtkmodules.all, vtk  # noqa: E401, F401"),
+)

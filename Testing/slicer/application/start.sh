@@ -21,7 +21,10 @@ export LD_LIBRARY_PATH=/build/pythonqt/library:$slicer/bin:$modules/qt-loadable-
 path=$slicer/bin:$slicer/bin/Python
 path+=:$modules/qt-loadable-modules:$modules/qt-loadable-modules/Python:$modules/qt-scripted-modules
 # CTK's wrapped libraries are in the folder of the libraries.
-export PYTHONPATH=$path:/usr/lib/$(gcc -dumpmachine):/usr/lib/python3/dist-packages
+path+=:/usr/lib/$(gcc -dumpmachine):/usr/lib/python3/dist-packages
+export PYTHONPATH=$path:$(python3 -m site --user-site)
+# The designer plugins of CTK and of Slicer, for .ui files.
+export QT_PLUGIN_PATH=/usr/lib/$(gcc -dumpmachine):$slicer/bin
 # Packages are installed beside Debian's, which may not be changed.
 export PIP_USER=1 PIP_BREAK_SYSTEM_PACKAGES=1 PIP_ROOT_USER_ACTION=ignore
 command=($slicer/bin/SlicerApp-real --no-splash --disable-settings

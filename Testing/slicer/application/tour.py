@@ -132,8 +132,10 @@ def inputs():
         ui.applyButton.text,
     )
     photo("panel-missing")
+    scroll(ui.pushedSelector)
+    yield 0.5
     mouse.click(ui.pushedSelector)
-    yield 1
+    yield 1.5
     photo("panel-pushed-open")
     box = slicer.util.findChildren(ui.pushedSelector, className="ctkCheckableComboBox")[0]
     view = box.view()
@@ -186,12 +188,20 @@ def cancel():
     yield 0.3
     before = slicer.mrmlScene.GetNumberOfNodes()
     mouse.click(ui.applyButton)
-    yield 1
+    yield 2
+    dialog = slicer.app.activeModalWidget()
+    if dialog is not None:  # itk-elastix is not there yet
+        photo("install")
+        mouse.click(button(dialog, "OK"))
+        yield until("the installation", lambda: panel().run is not None, 600)
+        yield 1
     check("Apply turned into Cancel", ui.applyButton.text == "Cancel", ui.applyButton.text)
     yield until("progress", lambda: panel().run is None or panel().run.fraction > 0.03, 300)
     yield 1
     check("the progress bar is shown", ui.progressBar.visible, ui.statusLabel.text)
     check("processes work", workers(), len(workers()))
+    scroll(ui.statusLabel)
+    yield 0.5
     photo("running")
     scroll(ui.applyButton)
     yield 0.3
@@ -279,8 +289,8 @@ def views():
     )
     table = manager.tableWidget(0).tableView()
     check("the table is shown", table.mrmlTableNode() is not None)
-    plot = manager.plotWidget(0).plotView()
-    check("the chart is shown", plot.mrmlPlotViewNode().GetPlotChartNodeID() is not None)
+    plot = manager.plotWidget(0).mrmlPlotViewNode()
+    check("the chart is shown", plot.GetPlotChartNodeID() is not None)
     ui = panel().ui
     scroll(ui.showComboBox)
     yield 0.5

@@ -260,6 +260,8 @@ class _Link:
         self.getter, self.setter, self.signal = WIDGETS[type(widget).__name__]
         self.connected, self.busy = True, True
         choice, limits = parameter.annotation(Choice), parameter.annotation(WithinRange)
+        if choice is None and type(widget).__name__ == "QComboBox":
+            raise RuntimeError(f"{parameter.name}: a box of choices needs the annotation Choice")
         if choice is not None:
             widget.clear()
             widget.addItems(choice.choices)

@@ -46,6 +46,7 @@ FILMS = "1.2.840.10008.1.2.4.10"  # MPEG-2, MPEG-4 and HEVC: …100 to …108
 TIME_POINTERS = (0x00181063, 0x00181065)  # FrameTime, FrameTimeVector
 CENTIMETRES = 3  # of PhysicalUnitsXDirection
 LISTED = 8
+FAR = 1e9  # mm: no position, pixel or slice
 _MUCH = 1 << 30
 
 
@@ -386,10 +387,10 @@ def _frame(data, index, position, orientation, spacing, *, step, thickness, scal
     place = None
     if position is not None and len(np.atleast_1d(position)):
         place = np.array(position, float)
-        if place.shape != (3,) or not np.isfinite(place).all():
+        if place.shape != (3,) or not (np.abs(place) < FAR).all():
             raise damaged(path, "its position is no point")
     spacing = np.array(spacing, float)
-    if spacing.shape != (2,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
+    if spacing.shape != (2,) or not ((spacing > 0) & (spacing < FAR)).all():
         raise damaged(path, f"its pixels have the size {spacing.tolist()}")
     number = data.get("InstanceNumber")
     slope, intercept = (None if v in (None, "") else float(v) for v in scale)
@@ -399,8 +400,8 @@ def _frame(data, index, position, orientation, spacing, *, step, thickness, scal
         position=place,
         orientation=rows,
         spacing=spacing,
-        step=float(step) if step not in (None, "") else None,
-        thickness=float(thickness) if thickness not in (None, "") else None,
+        step=_length(step),
+        thickness=_length(thickness),
         slope=1.0 if slope is None else slope,
         intercept=0.0 if intercept is None else intercept,
         keys=keys,
@@ -408,6 +409,12 @@ def _frame(data, index, position, orientation, spacing, *, step, thickness, scal
         digits=(_digits(position), _digits(orientation)),
         notes=notes,
     )
+
+
+def _length(value) -> float | None:
+    """Return a distance of slices, None where there is none or it cannot be one."""
+    number = float(value) if value not in (None, "") else 0.0
+    return number if 0 < abs(number) < FAR else None
 
 
 def _digits(values) -> int:

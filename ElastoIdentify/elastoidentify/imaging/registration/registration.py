@@ -20,6 +20,7 @@ from ...errors import InputError
 from ...progress import Progress, silent
 from ...workers.elastix_client import ElastixProcess
 from ..image import Image
+from .cache import RegistrationCache, key_of
 from .correlation import carried_displacement, refine_displacement
 from .information import (
     cell_gradients,
@@ -349,6 +350,7 @@ def register(
     refine: bool = True,
     reaction_nodes: np.ndarray | None = None,
     workers: int | None = None,
+    cache: str | Path | None = None,
     elastix: ElastixProcess | None = None,
     progress: Progress | None = None,
 ) -> Registration:
@@ -383,6 +385,9 @@ def register(
     reaction_nodes : (n,) bool, optional
         Nodes that an outside body touches (the mesher's ``reaction_nodes``). The strain ends there
         at once, which neither B-splines nor cells follow: their information says so.
+    cache : path, optional
+        Folder in which finished registrations are kept, so that a run that was killed goes on where
+        it was.
     workers : int, optional
         Registrations at once, each in an elastix process of about 0.9 GB. Default: one for slices,
         for volumes one per core, at most four. The result does not depend on it.
@@ -436,6 +441,7 @@ def register(
     work = _Work(
         frame, frame.array(rest), points, cells, maps, mask_array, outside, refine, touched
     )
+    work.cache = None if cache is None else RegistrationCache(cache)
     at_once = engines_for(len(frame.kept), len(trials), workers)
     with Engines(elastix) as engines:
         figures = work.run(engines, trials, reference, backward, at_once, progress)
@@ -482,7 +488,7 @@ class _Work:
         self.frame, self.rest, self.mask = frame, rest, mask
         self.maps = [one | {"DefaultPixelValue": [f"{NOT_SEEN:g}"]} for one in maps]
         self.index, self.cells, self.outside = frame.index(points), cells, outside
-        self.refine, self.touched = refine, touched
+        self.refine, self.touched, self.cache = refine, touched, None
         self.corners = simplices(cells, len(frame.kept))
         self.located = voxels_in_cells(self.index, cells, rest.shape)
         self.inside = self.located[0]
@@ -563,10 +569,23 @@ class _Work:
         """Register one pair. Returns T(points) and the warped image."""
         mask = self.mask if fixed is self.rest else None
         settings = self.frame.spacing, self.maps
-        with engines.one(progress) as elastix:
-            return elastix.register(
-                fixed, moving, *settings, points, mask=mask, warp=warp, progress=progress
-            )
+
+        def answer():
+            with engines.one(progress) as elastix:
+                return elastix.register(
+                    fixed, moving, *settings, points, mask=mask, warp=warp, progress=progress
+                )
+
+        if self.cache is None:
+            return answer()
+        arrays = {"fixed": fixed, "moving": moving, "points": points, "mask": mask}
+        about = {"spacing": list(map(float, settings[0])), "maps": self.maps, "warp": warp}
+        key = key_of(arrays, about)
+        found = self.cache.read(key)
+        if found is None:
+            found = answer()
+            self.cache.write(key, found)
+        return found
 
     def _judge(self, k, image, trial, warped, miss, doubt) -> dict:
         """Fill in the information of trial k and return its figures."""

@@ -6,6 +6,7 @@ All are in the world of files (LPS), in the length unit of the mesh, rest → pu
 
 import csv
 import re
+import struct
 import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +25,7 @@ from ..io.writing import last_line
 COLUMNS = ("x", "y", "z", "u", "v", "w")
 SMALL_PUSH = 1e-4  # of the size of the mesh
 MODELLING = "displacement field type"  # key that 3D Slicer writes into a NRRD header
+LONGEST_TRIAL = 45.0  # seconds for reading an HDF5 file; in a damaged one the library may not end
 _CHUNK = 5000  # points between two looks at the progress callback
 
 
@@ -160,6 +162,8 @@ def _read_transform(path: Path):
         _check_transform_text(path, content)
     elif content.startswith(b"\x89HDF"):
         _try_elsewhere(path)
+    elif path.suffix.lower() == ".mat":
+        _check_matlab(path, content)
     try:
         with heard():
             return sitk.ReadTransform(str(path))
@@ -195,12 +199,28 @@ def _try_elsewhere(path: Path) -> None:
             env=worker_environment(),
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=120,
+            timeout=LONGEST_TRIAL,
         )
     except (OSError, subprocess.TimeoutExpired):
         raise _damaged(path) from None
     if done.returncode < 0 or done.returncode > 128 or b"infinite loop" in done.stderr:
         raise _damaged(path)
+
+
+def _check_matlab(path: Path, content: bytes) -> None:
+    """Refuse a MATLAB file (level 4) whose matrices are not as long as their headers say.
+
+    Source of the layout: MAT-File Format, The MathWorks, "Level 4 MAT-File Format".
+    """
+    at, size = 0, {0: 8, 10: 4}  # of double and single values, little-endian
+    while at < len(content):
+        if len(content) - at < 20:
+            raise _damaged(path)
+        kind, rows, columns, imaginary, length = struct.unpack_from("<5i", content, at)
+        plain = kind in size and imaginary == 0 and min(rows, columns, length - 1) >= 0
+        at += 20 + length + (rows * columns * size[kind] if plain else 0)
+        if not plain or at > len(content) or columns != 1:
+            raise _damaged(path)
 
 
 def _check_transform_text(path: Path, content: bytes) -> None:
