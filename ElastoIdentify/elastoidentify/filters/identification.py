@@ -6,6 +6,7 @@ from ..study import IdentificationOptions, ReportOptions
 from ..vtk_io.arrays import displacement_of, label_table, read_report, trials_of
 from ..vtk_io.convert import displacement_names, get_array, has_array, information_name, set_array
 from .base import Filter, Port
+from .frame import follow_frame
 from .selection import Selection
 
 
@@ -77,6 +78,7 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
         """Return the mesh with the result arrays."""
         from ..vtk_io.steps import identified
 
+        meshes = [follow_frame(mesh) for mesh in meshes]
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         return identified(mesh, self, self.trials(mesh), progress=progress)
 

@@ -5,6 +5,7 @@ from ..study import RegistrationOptions
 from ..vtk_io.arrays import read_report
 from ..vtk_io.convert import image_from_vtk
 from .base import Filter, Port
+from .frame import write_frame
 
 
 class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
@@ -67,6 +68,7 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
         """Return the mesh with displacements."""
         from ..vtk_io.steps import displaced
 
+        progress(0.0, "starting elastix")  # which takes a while to say anything
         chosen = self.choices(RegistrationOptions)
         chosen.rest = image_from_vtk(rest, "rest image")
         chosen.pushed = [
@@ -74,7 +76,9 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
             for number, data in enumerate(pushed, 1)
         ]
         chosen.mask = None if mask is None else image_from_vtk(mask, "mask")
-        return displaced(mesh, chosen, progress)
+        grid = displaced(mesh, chosen, progress)
+        write_frame(grid)
+        return grid
 
     def warnings_of(self, output):
         """Return what makes the displacements doubtful."""
