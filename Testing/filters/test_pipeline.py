@@ -10,8 +10,8 @@ from elastoidentify.filters import Filter, LameIdentification, PushingPhantom
 from elastoidentify.filters.base import Port
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import (
+    vtkImageData,
     vtkMultiBlockDataSet,
-    vtkPolyData,
     vtkUnstructuredGrid,
 )
 from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
@@ -157,10 +157,10 @@ def test_a_mistake_in_a_filter_raises_as_what_it_is(phantom, messages):
 
 def test_missing_and_wrong_inputs_are_named(messages):
     filter = LameIdentification()
-    with pytest.raises(InputError, match="no mesh given: connect a vtkUnstructuredGrid"):
+    with pytest.raises(InputError, match="no mesh given: connect a vtkPointSet"):
         filter.Update()
-    filter.SetInputData(vtkPolyData())
-    with pytest.raises(InputError, match="vtkPolyData, but a vtkUnstructuredGrid is required"):
+    filter.SetInputData(vtkImageData())
+    with pytest.raises(InputError, match="vtkImageData, but a vtkPointSet is required"):
         filter.Update()
     assert len(messages()) == 2
 
@@ -238,7 +238,7 @@ def test_deleted_filters_and_their_data_go_away():
         identification = LameIdentification(known_materials={1: (5000.0, 0.43)}, method="global")
         identification.SetInputConnection(phantom.GetOutputPort())
         identification.Update()
-        identification.known_materials = {}
+        identification.known_materials = {9: (5000.0, 0.43)}
         with pytest.raises(InputError):
             identification.Update()
         return [weakref.ref(x) for x in (phantom, identification, identification.GetOutput())]

@@ -37,10 +37,10 @@ def test_a_warning_is_a_row_of_field_data_and_a_warning_of_python():
         assert rows(again(found.GetOutput())) == told  # of the new run, not twice
 
 
-def test_a_run_shows_its_warnings_in_the_window_once(capfd):
+def test_a_run_shows_its_warnings_in_the_window_once(messages):
     with pytest.warns(UserWarning):
         large_push().Update()
-    shown = [line for line in capfd.readouterr().err.splitlines() if "neo-hookean" in line]
+    shown = [line for line in messages() if "neo-hookean" in line]
     assert len(shown) == 1 and shown[0].startswith("WARNING: LameIdentification: ")
 
 
