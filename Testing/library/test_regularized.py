@@ -247,3 +247,21 @@ def test_finite_strain_fit_survives_a_patch_that_is_not_measured():
     print(f"mean error of E {error.mean():.3f} (flat guess {flat.mean():.3f})")
     assert error.mean() < 2 * flat.mean()
     assert 5 < np.median(result.young[young > 1]) < 11
+
+
+@pytest.mark.parametrize("angle", [90, 37])
+def test_standard_deviations_of_labels_do_not_depend_on_the_axes(angle):
+    case = forward.squares(12)
+    labels = np.where(case.known, 1, np.where(case.young > 1, 3, 2))
+    turn = np.radians(angle)
+    turn = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    noisy = case.noisy(0.01, 3)
+    found = [
+        ei.identify(
+            case.points @ axes.T, case.cells, noisy @ axes.T, {1: (1.0, case.poisson)},
+            labels=labels, reaction_nodes=case.reaction, method="regularized", grouping="label",
+        )
+        for axes in (np.eye(2), turn)
+    ]  # fmt: skip
+    np.testing.assert_allclose(found[1].mu, found[0].mu, rtol=1e-3)
+    np.testing.assert_allclose(found[1].mu_std, found[0].mu_std, rtol=0.01)
