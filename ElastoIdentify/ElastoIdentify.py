@@ -53,7 +53,15 @@ class ElastoIdentify(ScriptedLoadableModule):
             "Displacements are measured with elastix (Klein et al., IEEE Transactions on Medical "
             "Imaging 29, 2010)."
         )
-        slicer.app.connect("startupCompleted()", registerSampleData)
+        slicer.app.connect("startupCompleted()", onStartup)
+
+
+def onStartup():
+    """Make known what the application should have before the panel is first opened."""
+    from ElastoIdentifyLib.views import register_layout
+
+    register_layout()  # for scenes that were saved with it
+    registerSampleData()
 
 
 def registerSampleData():
