@@ -179,6 +179,10 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.StartCloseEvent, self.onSceneStartClose)
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndCloseEvent, self.onSceneEndClose)
+        # Between the two, boxes do not have the nodes yet and would write that into the scene.
+        self.addObserver(
+            slicer.mrmlScene, slicer.mrmlScene.StartImportEvent, self.onSceneStartImport
+        )
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndImportEvent, self.onSceneEndClose)
         self.ui.applyButton.connect("clicked(bool)", self.onApplyButton)
         self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
@@ -202,6 +206,9 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def onSceneStartClose(self, caller=None, event=None):
         self.cancelRun()
+        self.setParameterNode(None)
+
+    def onSceneStartImport(self, caller=None, event=None):
         self.setParameterNode(None)
 
     def onSceneEndClose(self, caller=None, event=None):
