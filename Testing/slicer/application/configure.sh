@@ -56,7 +56,7 @@ if [ ! -e "$build/pythonqt/.complete" ]; then
         # Only those that Slicer's own modules ask for.
         others='sql|opengl|webkit|webenginewidgets|xmlpatterns|multimedia|qml|quick'
         sed -i -E "/typesystem_($others)\.xml/d" build_all.txt
-        sed -i -E "/include <(Qt($others|MultimediaWidgets|QuickWidgets|OpenGLWidgets)\/|phonon)/Id" \
+        sed -i -E "/include <(Qt($others|MultimediaWidgets|QuickWidgets|OpenGLWidgets|WebKitWidgets)\/|phonon)/Id" \
             qtscript_masterinclude.h
         ../generator/pythonqt_generator --output-directory="$build/pythonqt" \
             qtscript_masterinclude.h build_all.txt
