@@ -53,7 +53,15 @@ class ElastoIdentify(ScriptedLoadableModule):
             "Displacements are measured with elastix (Klein et al., IEEE Transactions on Medical "
             "Imaging 29, 2010)."
         )
-        slicer.app.connect("startupCompleted()", registerSampleData)
+        slicer.app.connect("startupCompleted()", onStartup)
+
+
+def onStartup():
+    """Make known what the application should have before the panel is first opened."""
+    from ElastoIdentifyLib.views import register_layout
+
+    register_layout()  # for scenes that were saved with it
+    registerSampleData()
 
 
 def registerSampleData():
@@ -171,6 +179,11 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.StartCloseEvent, self.onSceneStartClose)
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndCloseEvent, self.onSceneEndClose)
+        # Between the two, boxes do not have the nodes yet and would write that into the scene.
+        self.addObserver(
+            slicer.mrmlScene, slicer.mrmlScene.StartImportEvent, self.onSceneStartImport
+        )
+        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndImportEvent, self.onSceneEndClose)
         self.ui.applyButton.connect("clicked(bool)", self.onApplyButton)
         self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
         self.ui.pushedSelector.connect("checkedNodesChanged()", self.onListsChanged)
@@ -193,6 +206,9 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def onSceneStartClose(self, caller=None, event=None):
         self.cancelRun()
+        self.setParameterNode(None)
+
+    def onSceneStartImport(self, caller=None, event=None):
         self.setParameterNode(None)
 
     def onSceneEndClose(self, caller=None, event=None):

@@ -266,9 +266,13 @@ def _chart(table, request, name: str):
     series.SetColor(0.2, 0.45, 0.6)
     chart = _add("vtkMRMLPlotChartNode", f"{name}: chart")
     chart.AddAndObservePlotSeriesNodeID(series.GetID())
-    chart.SetTitle("Mean shear modulus by segment")
+    chart.SetTitle("Mean shear modulus")  # longer ones are cut off in a quarter of a window
     chart.SetYAxisTitle(f"μ ({request.unit})")
-    chart.SetXAxisTitle("segment")
+    # Slicer has numbers at the ticks; the names of the bars are below them, in their order.
+    segments = table.GetTable().GetColumnByName("name")
+    chart.SetXAxisTitle(
+        ", ".join(segments.GetValue(row) for row in range(segments.GetNumberOfValues()))
+    )
     chart.SetLegendVisibility(False)
     return chart
 

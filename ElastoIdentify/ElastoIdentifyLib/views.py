@@ -46,6 +46,13 @@ LAYOUT_DESCRIPTION = """
 """
 
 
+def register_layout() -> None:
+    """Make the module's layout known; a scene that was saved with it shows no view otherwise."""
+    manager = slicer.app.layoutManager()
+    if manager is not None:
+        manager.layoutLogic().GetLayoutNode().AddLayoutDescription(LAYOUT, LAYOUT_DESCRIPTION)
+
+
 def show_result(result, request) -> None:
     """Show the map over the rest volume in the red view, in 3-D, and the table and the chart.
 
@@ -59,7 +66,7 @@ def show_result(result, request) -> None:
     manager = slicer.app.layoutManager()
     if manager is None:
         return
-    manager.layoutLogic().GetLayoutNode().AddLayoutDescription(LAYOUT, LAYOUT_DESCRIPTION)
+    register_layout()
     manager.setLayout(LAYOUT)
     _renew_legend(result.model)
     red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")

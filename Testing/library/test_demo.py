@@ -41,7 +41,7 @@ def test_every_label_is_nearer_to_the_truth_than_the_flat_guess(demo):
     _, found, _ = demo
     pad, *others = found["rows"]
     for row in others:
-        assert row["identified"] > 0.9
+        assert row["determined"] > 0.9
         assert abs(row["Mu median"] - row["Mu true"]) < 0.25 * abs(pad["Mu true"] - row["Mu true"])
 
 
@@ -76,7 +76,7 @@ def test_a_demo_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
         raise Cancelled
 
     mr_texture()
-    monkeypatch.setattr(demo, "_measure", stop)
+    monkeypatch.setattr(demo.pipeline, "run", stop)
     with pytest.raises(Cancelled):
         demo.run_demo(tmp_path / "new" / "demo", say=lambda _: None)
     assert not list(tmp_path.iterdir())

@@ -55,9 +55,9 @@ if [ ! -e "$build/pythonqt/.complete" ]; then
         cp "$src"/PythonQt/generator/*.{xml,txt,h} .
         # Only those that Slicer's own modules ask for.
         others='sql|opengl|webkit|webenginewidgets|xmlpatterns|multimedia|qml|quick'
+        widgets='MultimediaWidgets|QuickWidgets|OpenGLWidgets|WebKitWidgets'
         sed -i -E "/typesystem_($others)\.xml/d" build_all.txt
-        sed -i -E "/include <(Qt($others|MultimediaWidgets|QuickWidgets|OpenGLWidgets)\/|phonon)/Id" \
-            qtscript_masterinclude.h
+        sed -i -E "/include <(Qt($others|$widgets)\/|phonon)/Id" qtscript_masterinclude.h
         ../generator/pythonqt_generator --output-directory="$build/pythonqt" \
             qtscript_masterinclude.h build_all.txt
     )

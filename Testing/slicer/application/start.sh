@@ -23,6 +23,8 @@ path+=:$modules/qt-loadable-modules:$modules/qt-loadable-modules/Python:$modules
 # CTK's wrapped libraries are in the folder of the libraries.
 path+=:/usr/lib/$(gcc -dumpmachine):/usr/lib/python3/dist-packages
 export PYTHONPATH=$path:$(python3 -m site --user-site)
+# Else Slicer gives itself, and so its workers, the lowest priority.
+export SLICER_BACKGROUND_THREAD_PRIORITY=0
 # The designer plugins of CTK and of Slicer, for .ui files.
 export QT_PLUGIN_PATH=/usr/lib/$(gcc -dumpmachine):$slicer/bin
 # Packages are installed beside Debian's, which may not be changed.

@@ -2,8 +2,9 @@
 
 start.sh FOLDER --python-script /helpers/tour.py OUTPUT_FOLDER [PART...]
 
-Parts, in this order: sample cancel apply views scene files editor selftest. Each may stand alone
-except that cancel, apply and files start with sample, and views and scene with apply. Ends with a
+Parts, in this order: sample cancel apply views scene files editor selftest. cancel and apply need
+sample before them, views needs apply, scene and files need apply or saved, which opens the scene of
+an earlier tour. Ends with a
 line per check, and with the exit code 1 if one of them failed.
 """
 
@@ -312,6 +313,15 @@ def views():
     yield 1
 
 
+def saved():
+    """Open the scene of an earlier tour in a Slicer that has just started."""
+    slicer.util.selectModule("ElastoIdentify")
+    yield 1
+    slicer.util.loadScene(str(OUTPUT / "map.mrb"))
+    yield 4
+    photo("saved")
+
+
 def scene():
     """Save, close, load again: the map and the panel come back."""
     before = slicer.util.arrayFromModelCellData(panel()._parameterNode.resultModel, "Mu").copy()
@@ -371,6 +381,8 @@ def files():
     mouse.keys("Return")
     yield until("the files", lambda: len(names("vtkMRMLSegmentationNode")) == 1, 60)
     yield 2
+    slicer.util.selectModule("Data")  # the panel suggests when it is entered
+    yield 1
     slicer.util.selectModule("ElastoIdentify")
     yield 2
     photo("own-files")
@@ -397,7 +409,8 @@ def editor():
     """Segment Editor: segments drawn with the mouse on own images, then their materials."""
     slicer.mrmlScene.Clear(0)
     for name in ("rest", "pushed 1", "pushed 2"):
-        slicer.util.loadVolume(str(OUTPUT / "own" / f"{name}.nrrd"))
+        # Names that differ by their number are taken for the slices of one volume otherwise.
+        slicer.util.loadVolume(str(OUTPUT / "own" / f"{name}.nrrd"), {"singleFile": True})
     rest = slicer.util.getNode("rest")
     yield 1
     slicer.util.selectModule("SegmentEditor")
