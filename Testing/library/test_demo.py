@@ -72,7 +72,7 @@ def test_a_demo_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
     from elastoidentify.errors import Cancelled
     from elastoidentify.examples import demo
 
-    def stop(*_):
+    def stop(*_, **__):
         raise Cancelled
 
     mr_texture()
