@@ -81,7 +81,7 @@ class Option:
 
     def __set__(self, holder, value):
         value = self.checked(value, type(holder).__name__)
-        if not _same(value, self.__get__(holder)):
+        if not self.is_same(value, self.__get__(holder)):
             vars(holder)[f"_option_{self.name}"] = value
             changed = getattr(holder, "Modified", None)  # a VTK filter runs again
             if changed is not None:
@@ -90,6 +90,10 @@ class Option:
     def checked(self, value, where: str = ""):
         """Return `value` in its proper type, or raise InputError that names `where`."""
         return value
+
+    def is_same(self, first, second) -> bool:
+        """Tell whether a new value changes nothing."""
+        return type(first) is type(second) and bool(first == second)
 
     def argument(self, holder):
         """Return the value of `holder` as the library takes it: None where it may choose."""
@@ -224,6 +228,9 @@ class Picture(Option):
     def checked(self, value, where=""):
         return tuple(value or ()) if self.repeatable else value
 
+    def is_same(self, first, second):
+        return first is second  # voxels are not compared
+
 
 class Vector(Option):
     """A fixed number of finite numbers."""
@@ -294,10 +301,6 @@ class Rows(Vector):
         if self.check_row is not None:
             self.check_row(*converted)
         return converted if len(self.columns) > 1 else converted[0]
-
-
-def _same(first, second) -> bool:
-    return first is second or (type(first) is type(second) and bool(first == second))
 
 
 class Table:

@@ -82,6 +82,12 @@ def test_absurd_values_are_refused_and_the_option_is_named(name, value):
         Study(**{name: value})
 
 
+def test_images_are_replaced_without_a_look_at_their_voxels():
+    study = Study(rest=an_image(), pushed=[an_image()])
+    study.rest, study.pushed = an_image(), [an_image(), an_image()]
+    assert len(study.pushed) == 2
+
+
 def test_a_misspelt_option_is_refused_and_the_near_one_is_named():
     with pytest.raises(InputError, match="'kinematics'"):
         Study(kinematic="neo-hookean")

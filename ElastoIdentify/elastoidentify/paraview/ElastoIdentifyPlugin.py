@@ -105,6 +105,7 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
 
 @smproxy.filter(name="LameIdentification", label="Lame Identification", support_reload=False)
 @in_menu
+@smhint.xml('<View type="None" port="1"/>')  # the table is shown when it is asked for
 @form(
     panel.documentation(filters.LameIdentification),
     panel.outputs("Map", "Labels"),

@@ -44,7 +44,12 @@ points = np.asarray(meshed.points, float)
 np.testing.assert_allclose(convert.mesh_points(found), points, rtol=1e-12, atol=1e-12)
 np.testing.assert_array_equal(convert.simplices(found), meshed.cells)
 registered = register(
-    image(rest), [image(proxy) for proxy in pushed], points, meshed.cells, backward=False
+    image(rest),
+    [image(proxy) for proxy in pushed],
+    points,
+    meshed.cells,
+    reaction_nodes=meshed.reaction_nodes,
+    backward=False,
 )
 for number, expected in enumerate(registered.displacements, 1):
     values = convert.get_array(found.GetPointData(), f"Displacement_{number}")
