@@ -16,7 +16,8 @@ from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
 from elastoidentify.options import keywords  # noqa: E402
-from elastoidentify.pipeline import cell_blocks, known_by_label, run  # noqa: E402
+from elastoidentify.pipeline import cell_blocks, known_by_label, make_mesh, run  # noqa: E402
+from elastoidentify.results import QUANTITIES  # noqa: E402
 from elastoidentify.study import IdentificationOptions  # noqa: E402
 from elastoidentify.vtk_io.arrays import read_report  # noqa: E402
 from ElastoIdentifyLib import images, outputs, parameters, sample  # noqa: E402
@@ -562,3 +563,16 @@ def test_the_map_says_how_it_was_made_and_by_whom():
     assert made["inputs"]["rest"]["name"] == inputs["restVolume"].GetName()
     assert made["options"]["method"] == "global"
     assert made["options"]["known_materials"] == [[2, 5.0, 0.3]]
+
+
+def test_slicer_gives_the_bits_of_the_library_on_the_same_displacements():
+    inputs, _ = sample.add_exact_push()
+    grid = ElastoIdentifyLogic().process(**inputs).model.GetMesh()
+    request = Request(**inputs)
+    study = request.study()
+    mesh = make_mesh(study)
+    moved = images.nodal_displacements(request.transforms, mesh.points, request.transformsToRest)
+    found = run(study, mesh=mesh, displacements=moved).result
+    for name, quantity in QUANTITIES.items():
+        values = vtk_to_numpy(grid.GetCellData().GetArray(name))
+        np.testing.assert_array_equal(values, getattr(found, quantity.field), err_msg=name)
