@@ -377,7 +377,11 @@ def _legend(figure, arrays, drawing: Drawing) -> None:
                 )
             )  # fmt: skip
     if handles:
-        figure.legend(handles=handles, loc="outside lower right", ncols=2, frameon=False)
+        style = {"handles": handles, "ncols": 2, "frameon": False}
+        try:
+            figure.legend(loc="outside lower right", **style)
+        except ValueError:  # before matplotlib 3.7
+            figure.legend(loc="lower right", **style)
 
 
 def _unit(values: np.ndarray, unit: str) -> tuple[float, str]:
