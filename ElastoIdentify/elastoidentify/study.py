@@ -14,17 +14,21 @@ METHODS = ("auto", "sequential", "global", "regularized")
 LAWS = ("small-strain", "st-venant-kirchhoff", "neo-hookean")
 
 
-def check_material(label: int, young: float, poisson: float) -> None:
-    """Refuse constants that no isotropic elastic material has."""
-    if not young > 0 or math.isinf(young):
-        raise InputError(
-            f"known label {label}: Young's modulus is {young:g}, it must be a positive number"
-        )
+def check_material(young: float, poisson: float, where: str) -> tuple[float, float]:
+    """Return E and ν as floats, or raise an InputError that names `where` they were given."""
+    young, poisson = float(young), float(poisson)
+    if not (math.isfinite(young) and young > 0):
+        raise InputError(f"{where}: Young's modulus is {young:g}, it must be a positive number")
     if not -1 < poisson < 0.5:
         raise InputError(
-            f"known label {label}: Poisson's ratio is {poisson:g}, it must be above -1 and below "
-            "0.5 (0.499 for incompressible materials)"
+            f"{where}: Poisson's ratio is {poisson:g}, it must lie between -1 and 0.5 (exclusive); "
+            "for a nearly incompressible material take 0.49 or 0.495"
         )
+    return young, poisson
+
+
+def _check_known(label: int, young: float, poisson: float) -> None:
+    check_material(young, poisson, f"known label {label}")
 
 
 class MeshOptions(Table):
@@ -172,7 +176,7 @@ class IdentificationOptions(Table):
         "result) and Poisson's ratio.",
         ["Label", "Young's modulus", "Poisson's ratio"],
         kinds=[int, float, float],
-        check_row=check_material,
+        check_row=_check_known,
         unique=True,
         keyword="",
         group="Materials",

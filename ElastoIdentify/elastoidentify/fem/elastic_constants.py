@@ -5,8 +5,6 @@
 
 import numpy as np
 
-from ..errors import InputError
-
 NEGLIGIBLE_LAMBDA = 0.01  # of μ: an error of λ below this tells nothing about a material
 
 
@@ -37,16 +35,3 @@ def lambda_from_plane_stress(lam_star, mu):
 def admissible(lam, mu):
     """Tell where the strain energy is positive: μ > 0 and 3λ + 2μ > 0. NaN is not admissible."""
     return (mu > 0) & (3 * lam + 2 * mu > 0)
-
-
-def check_material(young: float, poisson: float, where: str) -> tuple[float, float]:
-    """Return E and ν as floats, or raise an InputError that names `where` they were given."""
-    young, poisson = float(young), float(poisson)
-    if not (np.isfinite(young) and young > 0):
-        raise InputError(f"{where}: Young's modulus is {young:g}, it must be a positive number")
-    if not -1 < poisson < 0.5:
-        raise InputError(
-            f"{where}: Poisson's ratio is {poisson:g}, it must lie between -1 and 0.5 (exclusive); "
-            "for a nearly incompressible material take 0.49 or 0.495"
-        )
-    return young, poisson

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..fem import soundness
-from ..fem.elastic_constants import check_material
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
+from ..study import check_material
 
 NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by

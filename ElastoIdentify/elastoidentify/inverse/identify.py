@@ -13,13 +13,13 @@ from ..fem.constitutive import KINEMATICS, Kinematics
 from ..fem.elastic_constants import (
     NEGLIGIBLE_LAMBDA,
     admissible,
-    check_material,
     lambda_from_plane_stress,
     young_from_lame,
 )
 from ..fem.mesh import Mesh
 from ..progress import Progress, silent
 from ..results import Status
+from ..study import check_material
 from . import border
 from .balance_system import BalanceSystem
 from .border import Frame
