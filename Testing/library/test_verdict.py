@@ -117,6 +117,13 @@ def test_pushes_of_one_direction_say_that_cells_cannot_be_read(case, pushes):
     assert "one direction" not in labels["sentence"]
 
 
+def test_a_trial_that_was_left_out_is_a_reason_for_care(case):
+    information = np.broadcast_to(np.eye(2) / NOISE**2, (*case.displacements.shape, 2)).copy()
+    information[1] = 0
+    verdict = found(case, information=information).report["verdict"]
+    assert "a trial was left out" in verdict["reasons"]
+
+
 def test_noise_that_was_given_too_small_is_not_trusted(case):
     result = found(case, information=None, noise=NOISE / 20)
     assert result.report["verdict"]["level"] == "do not trust"

@@ -31,6 +31,7 @@ from .statistics import CellErrors, cell_errors, label_statistics
 from .verdict import judge, one_direction
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
+LARGE_GRADIENT = 0.02  # of displacements: what small strain is good to
 FEW_EQUATIONS = 4  # of which not even a factor of ten can be read
 
 
@@ -142,7 +143,9 @@ def identify(
     trials = 1 + np.flatnonzero(~lost)
     problem = _problem(frame, setting, u[~lost], None if metric is None else metric[~lost], trials)
     labels, apart = setting.labels, _apart(problem)
-    warnings = frame.notes + _check_trials(problem, unknowns, grouping)
+    gradient = _typical_gradient(problem)
+    large_push = bool(problem.law.linear and gradient > LARGE_GRADIENT)
+    warnings = frame.notes + _check_trials(problem, unknowns, grouping, gradient, large_push)
     warnings += _check_equations(problem.mesh, setting, len(trials), method)
     progress(0.0, "force balance")
     if apart.any():
@@ -166,7 +169,8 @@ def identify(
     result.report |= {
         "kinematics": kinematics, "unknowns": unknowns, "grouping": grouping,
         "requested_method": method, "trials": len(trials),
-        "lost_trials": (1 + np.flatnonzero(lost)).tolist(),
+        "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
+        "large_push": large_push,
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
     }  # fmt: skip
     result.report["verdict"] = judge(
@@ -221,6 +225,7 @@ class _Setting:
     unknowns: Unknowns
     make_unknowns: Callable[[np.ndarray], Unknowns]  # of some cells, (n_cells,) bool
     reaction: np.ndarray  # (n_nodes,) bool
+    cut_nodes: int  # of them, where the mesh ends though the body goes on
     labels: np.ndarray | None
     noise: float | None
     refine: int | None
@@ -265,15 +270,16 @@ def _setting(
         )  # fmt: skip
 
     reaction = frame.anywhere(border.reaction_nodes(reaction_nodes, frame.n_given))
-    reaction |= _cut_nodes(frame, outer_border, reaction)
+    cut = _cut_nodes(frame, outer_border, reaction)
     if noise is not None and not (np.isfinite(noise) and noise > 0):
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
     if refine not in (None, 1, 4, 16):
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
     made = unknowns_of(np.full(mesh.n_cells, True))
     return _Setting(
-        KINEMATICS[kinematics], made, unknowns_of, reaction, labels, noise, refine, element
-    )
+        KINEMATICS[kinematics], made, unknowns_of, reaction | cut, int(cut.sum()), labels, noise,
+        refine, element,
+    )  # fmt: skip
 
 
 def _cut_nodes(frame, outer_border, reaction):
@@ -384,7 +390,7 @@ def _check_noise(problem, estimate):
     ]
 
 
-def _check_trials(problem, unknowns, grouping):
+def _check_trials(problem, unknowns, grouping, gradient, large_push):
     """Return the warnings that the input alone calls for."""
     mesh, u, warnings = problem.mesh, problem.displacements, []
     if len(u) > 1 and one_direction(u):
@@ -398,17 +404,21 @@ def _check_trials(problem, unknowns, grouping):
             f"{len(u)} trials in 3-D leave λ and μ of single cells undetermined in places: use "
             "four or more, or unknowns 'young'"
         )
-    strain = max(
-        float(np.quantile(np.abs(block.gradient(v)).max(axis=(1, 2, 3)), 0.9))
-        for block in mesh.blocks
-        for v in u
-    )
-    if problem.law.linear and strain > 0.02:
+    if large_push:
         warnings.append(
-            f"displacement gradients reach {strain:.0%} and small-strain kinematics are good to "
+            f"displacement gradients reach {gradient:.0%} and small-strain kinematics are good to "
             "about 2 %: if the bodies were really pushed this far, choose 'neo-hookean'"
         )
     return warnings
+
+
+def _typical_gradient(problem) -> float:
+    """Return the size of displacement gradients that a tenth of the cells exceed."""
+    return max(
+        float(np.quantile(np.abs(block.gradient(v)).max(axis=(1, 2, 3)), 0.9))
+        for block in problem.mesh.blocks
+        for v in problem.displacements
+    )
 
 
 def _check_equations(mesh, setting, n_trials, method):

@@ -22,7 +22,7 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     ----------
     report : dict
         Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
-        typical_error, warnings.
+        typical_error, lost_trials, cut_nodes, large_push.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -64,11 +64,11 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
             "all pushes have one direction, which cannot tell a stiff cell from the path of the "
             "force: read labels, not cells, or push from another side"
         )
-    if any("gradients reach" in sentence for sentence in report["warnings"]):
+    if report["large_push"]:
         doubtful.append("the push is too large for small-strain kinematics: take neo-hookean")
-    if any("was cut" in sentence for sentence in report["warnings"]):
+    if report["cut_nodes"]:
         doubtful.append("the mesh was cut")
-    if any("no weight" in sentence for sentence in report["warnings"]):
+    if report["lost_trials"]:
         doubtful.append("a trial was left out")
     return _said(bad, doubtful, factor)
 
