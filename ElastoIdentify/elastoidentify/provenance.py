@@ -34,9 +34,14 @@ def provenance(study, inputs=None, duration: float | None = None) -> dict:
     """
     from . import __version__
 
-    options = study.options()
+    options, inputs = study.options(), dict(inputs or {})
     images = {name for name, option in options.items() if isinstance(option, Picture)}
     values = {name: getattr(study, name) for name in options if name not in images}
+    for name in (
+        images - inputs.keys()
+    ):  # voxels are only gone through where no file stands for them
+        if getattr(study, name) not in (None, ()):
+            inputs[name] = _of_images(getattr(study, name))
     return {
         "elastoidentify": __version__,
         "libraries": library_versions(),
@@ -47,16 +52,8 @@ def provenance(study, inputs=None, duration: float | None = None) -> dict:
         "options": values,
         "unit": values.get("unit"),
         "length_unit": values.get("length_unit"),
-        "inputs": {
-            **{name: _of_images(getattr(study, name)) for name in images if _given(study, name)},
-            **(inputs or {}),
-        },
+        "inputs": {name: inputs[name] for name in sorted(inputs)},
     }
-
-
-def _given(study, name) -> bool:
-    value = getattr(study, name)
-    return value is not None and len(np.atleast_1d(value)) > 0
 
 
 def library_versions() -> dict[str, str]:

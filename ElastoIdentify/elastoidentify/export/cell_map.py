@@ -125,38 +125,6 @@ def kilopascal(unit: str) -> float:
     return factor
 
 
-def from_outcome(outcome, names: Mapping[int, str] | None = None) -> CellMap:
-    """Return the map of :func:`elastoidentify.pipeline.run`'s outcome.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    names : {label: name}, optional
-        By default those of the table of labels.
-    """
-    mesh, result, made = outcome.mesh, outcome.result, outcome.provenance
-    kind = {3: "triangle", 4: "tetra"}[mesh.cells.shape[1]]
-    values = {
-        name: np.asarray(getattr(result, quantity.field), float)
-        for name, quantity in QUANTITIES.items()
-        if getattr(result, quantity.field, None) is not None
-    }
-    return CellMap(
-        mesh.points,
-        [(kind, mesh.cells)],
-        values,
-        np.asarray(result.status),
-        mesh.labels,
-        outcome.displacements,
-        np.asarray(mesh.reaction_nodes, bool),
-        names if names is not None else _names(result.report),
-        made.get("unit") or "Pa",
-        made.get("length_unit") or "mm",
-        made,
-        result.report,
-    )
-
-
 def read_cell_map(path) -> CellMap:
     """Read a result of ours (.vtu).
 
