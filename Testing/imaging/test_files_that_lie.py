@@ -1,7 +1,10 @@
 """Image files that are cut short, damaged, or say something else than their neighbours."""
 
 import gzip
+import os
 import struct
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -402,3 +405,46 @@ def test_a_disk_that_fills_up_while_writing_is_said_in_words(tmp_path, monkeypat
     with pytest.raises(InputError, match="No space left on device"):
         write_ours(tmp_path / "image.nrrd", Image(values()))
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from elastoidentify.imaging.io.writing import write_whole
+def half(part):
+    part.write_text("half of it")
+    print(part.name, flush=True)
+    if sys.argv[2] == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    sys.stdin.read()
+write_whole(Path(sys.argv[1]), half)
+"""
+
+
+def writer(path, how):
+    return subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path), how],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(os.name == "nt", reason="files that are open cannot be swept on Windows")
+def test_what_a_process_left_that_was_killed_while_writing_goes_with_the_next_result(tmp_path):
+    path = tmp_path / "map.nrrd"
+    write_ours(path, Image(values()))
+    with writer(path, "killed") as process:
+        process.stdout.read()
+    assert len(list(tmp_path.iterdir())) == 2
+    assert read_image(path).size == (18, 16, 4)  # the old result
+    write_ours(path, Image(2 * values()))
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map.nrrd"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="files that are open cannot be swept on Windows")
+def test_what_another_process_is_writing_is_left_to_it(tmp_path):
+    with writer(tmp_path / "other.nrrd", "goes on") as process:
+        part = process.stdout.readline().strip()
+        write_ours(tmp_path / "map.nrrd", Image(values()))
+        assert (tmp_path / part).is_file()
+        process.stdin.close()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["map.nrrd", "other.nrrd"]

@@ -10,10 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 from ...errors import InputError
 from ..image import Image
 
 WRITTEN_SUFFIXES = (".nrrd", ".nii.gz", ".nii", ".mha")
+PART = ".elastoidentify-part-"  # of what is being written
 ROOM = 1 << 20  # bytes that must be free where an output is to go
 
 
@@ -57,9 +63,9 @@ def write_whole(path: Path, write: Callable[[Path], object], suffix: str | None 
     """
     path = Path(path)
     suffix = path.suffix if suffix is None else suffix
+    _sweep(path.parent)
     try:
-        handle, part = tempfile.mkstemp(suffix, ".part-", path.parent)
-        os.close(handle)
+        handle, part = _begin(path.parent, suffix)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be written ({_reason(error)}); choose another") from None
     try:
@@ -71,7 +77,31 @@ def write_whole(path: Path, write: Callable[[Path], object], suffix: str | None 
         reason = os.strerror(errno.ENOSPC) if full else _reason(error)
         raise InputError(f"{path}: cannot be written ({reason}); choose another") from None
     finally:
+        os.close(handle)
         Path(part).unlink(missing_ok=True)
+
+
+def _begin(folder: Path, suffix: str) -> tuple[int, str]:
+    """Make a file to fill, locked until it is closed or this process ends, however it does."""
+    while True:
+        handle, part = tempfile.mkstemp(suffix, PART, folder)
+        if fcntl is None:
+            return handle, part
+        with suppress(OSError):  # the disk knows no locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.path.exists(part):
+            return handle, part
+        os.close(handle)  # swept away by another process before it was locked
+
+
+def _sweep(folder: Path) -> None:
+    """Take away what processes left that were killed while they wrote here."""
+    if fcntl is None:
+        return
+    for part in folder.glob(f"{PART}*"):
+        with suppress(OSError), open(part, "rb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails where one still writes
+            part.unlink()
 
 
 def check_writable(path: str | os.PathLike, room: int = ROOM) -> None:
