@@ -14,6 +14,8 @@ standard library is used: ``--help`` need not wait for numpy.
 
 import difflib
 import math
+import numbers
+import os
 from collections.abc import Iterable, Mapping, Sequence
 
 from .errors import InputError
@@ -109,7 +111,13 @@ class Option:
     def refuse(self, value, where: str, wanted: str = ""):
         """Raise InputError."""
         name = f"{where}.{self.name}" if where else self.name
-        raise InputError(f"{name} must be {wanted or self.wanted()}, not {value!r}")
+        raise InputError(f"{name} must be {wanted or self.wanted()}, not {_shown(value)}")
+
+
+def _shown(value) -> str:
+    """Return any value in one short line."""
+    line = " ".join(repr(value).split())
+    return line if len(line) <= 80 else f"{line[:77]}…"
 
 
 class Number(Option):
@@ -127,14 +135,11 @@ class Number(Option):
         self.above, self.below = above, below
 
     def checked(self, value, where=""):
-        if self.default is None and (value is None or value != value):
+        if self.default is None and (value is None or _is_nan(value)):
             return None
         if self.own_choice is not None and value is None:
             return self.own_choice
-        try:
-            number = self.kind(value)
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
+        number = _number(self.kind, value)
         inside = self.minimum <= number <= self.maximum and self.above < number < self.below
         if not (inside or number == self.own_choice) or _is_other(number, value):
             self.refuse(value, where)
@@ -155,6 +160,20 @@ class Number(Option):
         return " ".join([what, " and ".join(words)]).strip()
 
 
+def _number(kind: type, value):
+    """Return one number of the kind, NaN where the value is not one; text is read."""
+    if getattr(value, "shape", ()) or isinstance(value, bytes):
+        return math.nan
+    try:
+        return kind(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _is_nan(value) -> bool:
+    return isinstance(value, numbers.Real) and math.isnan(value)
+
+
 def _is_other(number, value) -> bool:
     """Tell whether a conversion has changed the value, as 1.5 to a whole number; text is read."""
     return math.isinf(number) or not (isinstance(value, str) or number == value)
@@ -168,7 +187,7 @@ class Choice(Option):
         self.choices = tuple(choices)
 
     def checked(self, value, where=""):
-        word = str(value).lower()
+        word = str(value).lower() if isinstance(value, str) else ""
         if word not in self.choices:
             self.refuse(value, where)
         return word
@@ -191,14 +210,26 @@ class Flag(Option):
         return (self.off_flag or "--no-" + self.name.replace("_", "-"),)
 
     def checked(self, value, where=""):
+        if getattr(value, "shape", ()) or value not in (0, 1):
+            self.refuse(value, where)  # the word "no" would be true
         return bool(value)
+
+    def wanted(self):
+        return "True or False"
 
 
 class Text(Option):
-    """A word; hosts pass None or "None" for an empty field."""
+    """A line of text; hosts pass None or "None" for an empty field."""
 
     def checked(self, value, where=""):
-        return "" if value in (None, "None") else str(value)
+        if value is None:
+            return ""
+        if not isinstance(value, str | os.PathLike) or not str(value).isprintable():
+            self.refuse(value, where)
+        return "" if value == "None" else str(value)
+
+    def wanted(self):
+        return "a line of text"
 
 
 class File(Text):
@@ -232,6 +263,13 @@ class Picture(Option):
         return first is second  # voxels are not compared
 
 
+def _entries(value) -> tuple:
+    """Return what is in a list or array; what is neither is one entry."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        return (value,)
+    return tuple(value) if getattr(value, "shape", True) else (value,)
+
+
 class Vector(Option):
     """A fixed number of finite numbers."""
 
@@ -239,14 +277,11 @@ class Vector(Option):
         return self._numbers(value, where, len(self.default))
 
     def _numbers(self, value, where: str, *lengths: int) -> tuple[float, ...]:
-        try:
-            numbers = tuple(float(number) for number in value)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) not in lengths or not all(map(math.isfinite, numbers)):
+        row = tuple(_number(float, one) for one in _entries(value))
+        if len(row) not in lengths or not all(map(math.isfinite, row)):
             wanted = " or ".join(map(str, lengths))
             self.refuse(value, where, f"{wanted} finite number{'s' * (wanted != '1')}")
-        return numbers
+        return row
 
 
 class Rows(Vector):
@@ -279,10 +314,9 @@ class Rows(Vector):
 
     def checked(self, value, where=""):
         if isinstance(value, Mapping):
-            value = [(key, *(v if isinstance(v, Iterable) else (v,))) for key, v in value.items()]
-        if value is not None and not isinstance(value, Iterable):
-            value = (value,)
-        rows = tuple(self._checked_row(row, where) for row in (() if value is None else value))
+            value = [(key, *_entries(entry)) for key, entry in value.items()]
+        rows = () if value is None else _entries(value)
+        rows = tuple(self._checked_row(row, where) for row in rows)
         if self.unique:
             firsts = [row[0] if isinstance(row, tuple) else row for row in rows]
             twice = next((one for n, one in enumerate(firsts) if one in firsts[:n]), None)
@@ -292,10 +326,9 @@ class Rows(Vector):
         return rows
 
     def _checked_row(self, row, where):
-        row = row if isinstance(row, Iterable) else (row,)
-        numbers = self._numbers(row, where, *self.lengths)
-        converted = tuple(kind(number) for number, kind in zip(numbers, self.kinds, strict=False))
-        for was, number, column in zip(numbers, converted, self.columns, strict=False):
+        row = self._numbers(row, where, *self.lengths)
+        converted = tuple(kind(number) for number, kind in zip(row, self.kinds, strict=False))
+        for was, number, column in zip(row, converted, self.columns, strict=False):
             if was != number:
                 self.refuse(was, where, f"a whole number in the column {column!r}")
         if self.check_row is not None:

@@ -177,6 +177,7 @@ def roughness(field: np.ndarray, ends: np.ndarray) -> float:
         As of :func:`edges`.
     """
     used = np.unique(ends)
+    field = field / (np.abs(field[used]).max() or 1.0)  # squares of any field can be held then
     spread = 2 * np.square(field[used] - field[used].mean(axis=0)).sum(axis=1).mean()
     jumps = np.square(field[ends[:, 0]] - field[ends[:, 1]]).sum(axis=1).mean()
     return float(jumps / spread) if spread > 0 else 0.0

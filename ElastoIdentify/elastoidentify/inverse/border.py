@@ -20,6 +20,7 @@ SKEW = 1e-6  # of a tensor's size: what rounding leaves of asymmetry, or below z
 NOT_SMOOTH, ROUGH = 0.05, 0.5  # of what the same displacements in random order jump along edges
 SMOOTHER = 0.3  # in the reverse order: then it is hardly by chance
 FEW_NODES = 20
+FARTHEST = 1e15  # sizes of the mesh that displacements may reach; beyond, digits are lost
 SMALL_PUSH = 1e-4  # of the mesh's size
 
 
@@ -422,11 +423,18 @@ def check_displacements(frame: Frame, u: np.ndarray, trials: np.ndarray) -> None
             f"node(s), the first is node {frame.nodes[bad[0, 1]]}: register again, or cut those "
             "cells off"
         )
-    still = np.flatnonzero(np.abs(u).max(axis=(1, 2)) == 0)
+    largest = np.abs(u).max(axis=(1, 2))
+    still = np.flatnonzero(largest == 0)
     if len(still):
         raise InputError(
             f"trial {trials[still[0]]} has no displacement at all: is the rest image its pushed "
             "image?"
+        )
+    absurd = np.flatnonzero((largest > FARTHEST * frame.size) | (largest * FARTHEST < frame.size))
+    if len(absurd):
+        raise InputError(
+            f"the displacements of trial {trials[absurd[0]]} reach {largest[absurd[0]]:.3g} on a "
+            f"mesh of size {frame.size:.3g}: no body moves so; are the numbers displacements?"
         )
 
 
