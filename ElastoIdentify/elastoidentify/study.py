@@ -201,6 +201,17 @@ class IdentificationOptions(Table):
         flags=["--poisson", "--poisson-ratio"],
         metavar="NU",
     )
+    poisson_std = Number(
+        0.0,
+        "Standard deviation of that Poisson's ratio: it is then estimated together with the map, "
+        "one per label (0.05 if in doubt). 0: it is exactly as given.",
+        minimum=0.0,
+        maximum=0.25,
+        own_choice=0.0,
+        needs=("unknowns", "young"),
+        group="Materials",
+        metavar="STD",
+    )
     grouping = Choice(
         "cell",
         "One unknown material per cell, or one per label.",

@@ -26,12 +26,14 @@ from .border import Frame
 from .methods import METHODS
 from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
+from .poisson import free as free_ratio
 from .problem import Problem
 from .statistics import CellErrors, cell_errors, label_statistics
 from .verdict import judge, one_direction
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
 LARGE_GRADIENT = 0.02  # of displacements: what small strain is good to
+WIDEST_RATIO = 0.25  # standard deviation of ν: wider, it would reach past −1
 FEW_EQUATIONS = 4  # of which not even a factor of ten can be read
 
 
@@ -75,6 +77,7 @@ def identify(
     plane: str = "strain",
     unknowns: str = "lambda-mu",
     poisson_ratio: float | None = None,
+    poisson_std: float | None = None,
     grouping: str = "cell",
     information: np.ndarray | None = None,
     noise: float | None = None,
@@ -108,6 +111,9 @@ def identify(
     kinematics : "small-strain", "st-venant-kirchhoff", "neo-hookean"
     plane : "strain", "stress" (2-D only)
     unknowns : "lambda-mu", or "young" with `poisson_ratio`
+    poisson_std : float, optional
+        Standard deviation of `poisson_ratio`: then ν is estimated with the map, one per label, by
+        the regularized method. None or 0: ν is what it was said to be.
     grouping : "cell", "label"
     information : (n_trials, n_nodes, d, d), optional
         Inverse covariance of the measured displacements (1/length²).
@@ -133,10 +139,9 @@ def identify(
     frame.close_seams(u)
     setting = _setting(
         frame, known, labels=labels, reaction_nodes=reaction_nodes, outer_border=outer_border,
-        method=method,
-        kinematics=kinematics, plane=plane, unknowns=unknowns, poisson_ratio=poisson_ratio,
-        grouping=grouping, noise=noise, refine=refine, reference_label=reference_label,
-        element=element,
+        method=method, kinematics=kinematics, plane=plane, unknowns=unknowns,
+        poisson_ratio=poisson_ratio, poisson_std=poisson_std, grouping=grouping, noise=noise,
+        refine=refine, reference_label=reference_label, element=element,
     )  # fmt: skip
     metric = border.information(frame, information, len(u))
     lost = border.lost_trials(frame, metric, len(u))
@@ -234,8 +239,8 @@ class _Setting:
 
 def _setting(
     frame, known, *, labels, reaction_nodes, outer_border, method, kinematics="small-strain",
-    plane="strain", unknowns="lambda-mu", poisson_ratio=None, grouping="cell", noise=None,
-    refine=None, reference_label=None, element="locking-free",
+    plane="strain", unknowns="lambda-mu", poisson_ratio=None, poisson_std=None, grouping="cell",
+    noise=None, refine=None, reference_label=None, element="locking-free",
 ):  # fmt: skip
     """Check every choice; raise InputError for one that cannot be."""
     mesh = frame.mesh
@@ -255,6 +260,7 @@ def _setting(
         if poisson_ratio is None:
             raise InputError("unknowns 'young' need Poisson's ratio of the unknown cells")
         check_material(1.0, poisson_ratio, "the unknown cells")
+    _check_poisson_std(poisson_std, unknowns, method)
     labels = border.cell_labels(labels, mesh.n_cells)
     if labels is None and grouping == "label":
         raise InputError("grouping by label needs the label of every cell")
@@ -263,11 +269,15 @@ def _setting(
     young, poisson = border.known_materials(known, labels, mesh.n_cells)
 
     def unknowns_of(cells):
-        return make_unknowns(
+        here = None if labels is None else labels[cells]
+        made = make_unknowns(
             young[cells], poisson[cells], plane_stress=plane_stress,
             poisson_ratio=poisson_ratio if unknowns == "young" else None,
-            labels=labels[cells] if grouping == "label" else None,
+            labels=here if grouping == "label" else None,
         )  # fmt: skip
+        if not poisson_std:
+            return made
+        return free_ratio(made, poisson_ratio, poisson_std, here, plane_stress)
 
     reaction = frame.anywhere(border.reaction_nodes(reaction_nodes, frame.n_given))
     cut = _cut_nodes(frame, outer_border, reaction)
@@ -280,6 +290,27 @@ def _setting(
         KINEMATICS[kinematics], made, unknowns_of, reaction | cut, int(cut.sum()), labels, noise,
         refine, element,
     )  # fmt: skip
+
+
+def _check_poisson_std(std, unknowns, method):
+    """Refuse a width of Poisson's ratio that means nothing, or that nothing would use."""
+    if std is None or std == 0:
+        return
+    if not 0 < std <= WIDEST_RATIO:
+        raise InputError(
+            f"the standard deviation of Poisson's ratio is {std:g}, it must lie between 0 (ν is "
+            f"exactly as given) and {WIDEST_RATIO:g}"
+        )
+    if unknowns != "young":
+        raise InputError(
+            "a standard deviation of Poisson's ratio was given, and unknowns 'lambda-mu' leave "
+            "Poisson's ratio free without any: choose unknowns 'young', or leave it out"
+        )
+    if method in ("sequential", "global"):
+        raise InputError(
+            f"method '{method}' cannot estimate Poisson's ratio together with the map: choose "
+            "method 'regularized', or a standard deviation of 0 (ν is exactly as given)"
+        )
 
 
 def _cut_nodes(frame, outer_border, reaction):
@@ -465,8 +496,9 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
     status[~admissible(lam, mu)] = Status.OUT_OF_RANGE
     with np.errstate(invalid="ignore"):
         lost = ~(np.isfinite(lam) & np.isfinite(mu) & (mu_std < np.abs(mu)))
-        # λ of a material like cork is zero, and then its error is measured by μ
-        lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
+        if problem.unknowns.ratio is None:  # else λ follows from ν, whose error is stated
+            # λ of a material like cork is zero, and then its error is measured by μ
+            lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
     status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
     status[known] = Status.KNOWN
     residuals = _residuals(problem, estimate)

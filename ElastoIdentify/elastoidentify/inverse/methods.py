@@ -80,6 +80,10 @@ def regularized(problem: Problem, progress: Progress | None = None) -> Estimate:
 
 def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     """Walk; where the walk's own propagated error forbids trust, go on to the regularized fit."""
+    if problem.unknowns.ratio is not None:
+        estimate = regularized(problem, progress)
+        estimate.report["auto"] = "regularized: it alone estimates Poisson's ratio with the map"
+        return estimate
     walked = sequential(problem, part(progress, 0, 0.2))
     cells = ~problem.unknowns.known & (walked.order >= 0)
     with np.errstate(invalid="ignore", divide="ignore"):

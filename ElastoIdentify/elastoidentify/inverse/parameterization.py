@@ -10,6 +10,29 @@ from ..fem.elastic_constants import lame_from_young, plane_stress_lambda
 
 
 @dataclass(frozen=True)
+class FreeRatio:
+    """Poisson's ratio of the unknown cells, one per label, as it is known before the fit.
+
+    Parameters
+    ----------
+    centre, std : float
+        Of a normal distribution.
+    number : (n_cells,) int
+        Which label's ν each cell has, −1 for known cells.
+    labels : (n_labels,) int
+        Their names.
+    plane_stress : bool
+        λ stands for λ*.
+    """
+
+    centre: float
+    std: float
+    number: np.ndarray
+    labels: np.ndarray
+    plane_stress: bool = False
+
+
+@dataclass(frozen=True)
 class Unknowns:
     """λ = lam_known + L θ, μ = mu_known + M θ.
 
@@ -26,6 +49,8 @@ class Unknowns:
         L and M.
     lam_known, mu_known : (n_cells,)
         Zero where not known.
+    ratio : FreeRatio, optional
+        Given where ν is unknown, too; L and M are those of its centre.
     """
 
     group: np.ndarray
@@ -34,6 +59,7 @@ class Unknowns:
     mu: sp.csr_matrix
     lam_known: np.ndarray
     mu_known: np.ndarray
+    ratio: FreeRatio | None = None
 
     @property
     def n_groups(self) -> int:
@@ -158,6 +184,14 @@ class LogParameters:
         """Return ∂λ/∂x, ∂μ/∂x, (n_cells, n) each."""
         theta = sp.diags(np.exp(self.fields @ x)) @ self.fields
         return (self.unknowns.lam @ theta).tocsr(), (self.unknowns.mu @ theta).tocsr()
+
+    def prior(self) -> list:
+        """Return the prior terms of parameters beyond the fields."""
+        return []
+
+    def ratios_found(self, x: np.ndarray, errors: np.ndarray) -> list[dict]:
+        """Return Poisson's ratios that are parameters themselves."""
+        return []
 
 
 def _fields(unknowns, flat):

@@ -25,7 +25,7 @@ from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
-from .parameterization import LogParameters
+from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
 
@@ -62,7 +62,7 @@ class _Fit:
     def __init__(self, problem: Problem, progress: Progress):
         self.problem, self.progress = problem, progress
         unknowns, mesh = problem.unknowns, problem.mesh
-        self.parameters = LogParameters(unknowns, mesh.centres)
+        self.parameters = parameters(unknowns, mesh.centres)
         self.x = self.parameters.start.copy()
         self.refine = problem.refine or default_refinement(
             mesh.n_cells, _typical_poisson(unknowns), mesh.dim, unknowns.per_cell, problem.element
@@ -71,7 +71,7 @@ class _Fit:
         self.terms = [Displacements(self.forward)]
         self.n_equations = sum(term.n_equations for term in self.terms)
         self.variation = TotalVariation(mesh, self.parameters)
-        self.prior = Prior([self.variation, anchor(self.parameters)])
+        self.prior = Prior([self.variation, anchor(self.parameters), *self.parameters.prior()])
         self.system = self._make_system()
         self.scale = problem.noise.scale
         self.samples = None
@@ -246,6 +246,7 @@ class _Fit:
             shift, warnings = self._shifted(M, mu)
             # either way: it is an estimate of the size, and the map is not corrected by it
             errors = errors + self.bias[:, None] * (-1.0) ** np.arange(errors.shape[1])
+        ratios = self.parameters.ratios_found(self.x, errors)
         left = max(self.n_equations - self.effective, 0.05 * self.n_equations)
         weight = self.variation.field_weight if len(self.variation) else []
         report = {
@@ -264,8 +265,10 @@ class _Fit:
             "iterations": len(self.log),
             "equations": self.n_equations,
             "parameters": self.parameters.n,
+            "poisson": ratios,
             "convergence": self.log,
         }
+        warnings += far_warnings(ratios)
         return Estimate(lam, mu, L @ errors, M @ errors, np.full(len(lam), -1), report, warnings)
 
     def _floor(self, variance):
