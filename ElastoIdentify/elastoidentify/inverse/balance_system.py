@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from ..fem.assembly import force_matrices, tangent_stiffness
 from ..fem.constitutive import Kinematics
 from ..fem.mesh import Mesh
+from .conditions import Conditions, conditions
 from .parameterization import Unknowns
 
 
@@ -22,13 +23,16 @@ class BalanceSystem:
     unknowns : Unknowns
     reaction : (n_nodes,) bool
         Nodes where an outside body may push: no equation.
+    contact : Conditions, optional
+        Instead of `reaction`, which it holds: nodes may slide, too.
 
     Attributes
     ----------
     nodes : (n_eq_nodes,) int
         The nodes that have equations.
     A, b : csr_matrix (n_equations, n_params), (n_equations,)
-        Rows run over nodes, then trials, then components.
+        Rows run over nodes, then trials, then components. Nodes that slide have fewer equations
+        than components: the others are zero.
     """
 
     def __init__(
@@ -38,12 +42,16 @@ class BalanceSystem:
         displacements: np.ndarray,
         unknowns: Unknowns,
         reaction: np.ndarray,
+        contact: Conditions | None = None,
     ):
         self.mesh, self.law, self.unknowns = mesh, law, unknowns
         self.displacements, self.reaction = displacements, reaction
+        self.conditions = contact or conditions(mesh, reaction)
         self.n_trials = len(displacements)
-        touches = mesh.node_cells @ (~unknowns.known).astype(float) > 0
-        self.nodes = np.flatnonzero(touches & ~reaction)
+        self.node_cells = (self.conditions.members @ mesh.node_cells).tocsr()
+        touches = self.node_cells @ (~unknowns.known).astype(float) > 0
+        self.nodes = np.flatnonzero(touches & self.conditions.asked)
+        self.rows = self.conditions.rows[self.dofs.ravel()]
         self.A, self.b = self._assemble(displacements)
 
     @property
@@ -52,18 +60,19 @@ class BalanceSystem:
 
     @property
     def dofs(self) -> np.ndarray:
-        """Degrees of freedom of the equations' nodes, (n_eq_nodes, d)."""
+        """Degrees of freedom of the equations' nodes, (n_eq_nodes, d), their places in `rows`."""
         return self.nodes[:, None] * self.mesh.dim + np.arange(self.mesh.dim)
 
     def _assemble(self, displacements):
         blocks, right = [], []
-        rows = self.dofs.ravel()
         for u in displacements:
             per_lam, per_mu = force_matrices(self.mesh, self.law, u)
             known = per_lam @ self.unknowns.lam_known + per_mu @ self.unknowns.mu_known
-            blocks.append((per_lam @ self.unknowns.lam + per_mu @ self.unknowns.mu).tocsr()[rows])
-            right.append(-known[rows])
-        order = self.by_node(np.arange(len(rows) * self.n_trials).reshape(self.n_trials, -1))
+            unknown = (per_lam @ self.unknowns.lam + per_mu @ self.unknowns.mu).tocsr()
+            blocks.append(self.rows @ unknown)
+            right.append(-(self.rows @ known))
+        count = self.rows.shape[0] * self.n_trials
+        order = self.by_node(np.arange(count).reshape(self.n_trials, -1))
         A = sp.vstack(blocks, format="csr")[order]
         return A, np.concatenate(right)[order]
 
@@ -99,9 +108,8 @@ class BalanceSystem:
         A linear law has one matrix for all trials: the list then repeats it.
         """
         lam, mu = self.unknowns.moduli(theta)
-        rows = self.dofs.ravel()
         trials = self.displacements[:1] if self.law.linear else self.displacements
-        K = [tangent_stiffness(self.mesh, self.law, u, lam, mu)[rows] for u in trials]
+        K = [self.rows @ tangent_stiffness(self.mesh, self.law, u, lam, mu) for u in trials]
         return K * self.n_trials if self.law.linear else K
 
     def force_errors(self, theta: np.ndarray, errors: np.ndarray) -> np.ndarray:
@@ -126,7 +134,7 @@ class BalanceSystem:
         membership = sp.csr_matrix(
             (np.ones(len(cells)), (cells, u.group[cells])), (self.mesh.n_cells, u.n_groups)
         )
-        incidence = (self.mesh.node_cells[self.nodes] @ membership).tocsr()
+        incidence = (self.node_cells[self.nodes] @ membership).tocsr()
         incidence.data[:] = 1
         return incidence
 
@@ -136,7 +144,7 @@ class BalanceSystem:
 
         Level 0 are the nodes that touch a known cell. (n_eq_nodes,) int
         """
-        forced = (self.mesh.node_cells @ self.unknowns.known.astype(float))[self.nodes] > 0
+        forced = (self.node_cells @ self.unknowns.known.astype(float))[self.nodes] > 0
         level = np.where(forced, 0, -1)
         N, Nt = self.node_groups, self.node_groups.T.tocsr()
         front, depth = forced, 0

@@ -2,7 +2,8 @@
 
 The motion of the reaction nodes is unknown, so that no boundary condition is assumed. Unknown are
 the parameters x and, per trial, the motion b of the held (reaction) nodes; the free nodes follow
-from balance, f_f(y; x) = 0 with y = Z η, η = (free, held). Where the mesh is refined, Z
+from balance, f_f(y; x) = 0 with y = Z η, η = (free, held). Columns of Z are motions of single nodes
+along an axis or, where nodes slide, those of :mod:`.conditions`. Where the mesh is refined, Z
 interpolates the held nodes that only the refinement has. Linearised,
 
     K_ff dη_f = −K_fb db − R_f dx,       K = Zᵀ (∂f/∂y) Z,   R = Zᵀ ∂f/∂x.
@@ -18,6 +19,7 @@ from ..fem.cells import LinearCells, LockingFreeCells
 from ..fem.mesh import Mesh
 from ..fem.patches import PATCH_SIZE, patches, together
 from ..linalg.factor import Factoriser
+from .conditions import conditions
 from .parameterization import LogParameters
 from .problem import Problem
 
@@ -92,22 +94,19 @@ class Equilibrium:
         self.mesh, parent, interpolation, last = _refined(mesh, LEVELS[refine])
         self.parent, self.element, self.refine = parent, element, refine
         self.cells = self._cells(element, refine, last)
-        d = mesh.dim
-        reaction = interpolation @ problem.reaction.astype(float) > 1 - 1e-9
-        used = np.diff(self.mesh.node_cells.indptr) > 0
-        axes = np.arange(d)
-        free = np.flatnonzero(used & ~reaction)
-        coarse_used = np.diff(mesh.node_cells.indptr) > 0
-        held = np.flatnonzero(problem.reaction & coarse_used)
-        self.free = (free[:, None] * d + axes).ravel()
-        self.held = (held[:, None] * d + axes).ravel()
+        coarse = problem.conditions
+        here = coarse if refine == 1 else self._refined_conditions(interpolation)
+        self.free, self.held = here.free_slots, coarse.held_slots  # degrees of freedom of η
         self.n_free, self.n_eta = len(self.free), len(self.free) + len(self.held)
-        self.nodes = np.concatenate([free, held])  # of η, (n_eta/d,); of the fine mesh
-        self.measured = self.nodes < mesh.n_nodes  # nodes that only refinement has are not
-        self.Z = self._expansion(interpolation, reaction & used, held)
+        self.by_node = coarse.plain  # η holds d numbers for each node
+        # nodes that only refinement has are not measured
+        self.coarse = np.concatenate([self.free, self.held]) < mesh.n_dofs  # (n_eta,) bool
+        # as the held nodes move, so do those between them
+        carried = here.held @ (here.held.T @ sp.kron(interpolation, sp.identity(mesh.dim)))
+        self.Z = sp.hstack([here.free, carried @ coarse.held], format="csr")
         self.data = np.stack([u.ravel() for u in problem.displacements], axis=1)
         self.size = np.abs(self.data).max()
-        self.factoriser = Factoriser(self.mesh.points[free].repeat(d, axis=0), self.law.linear)
+        self.factoriser = Factoriser(self.mesh.points[self.free // mesh.dim], self.law.linear)
 
     def _cells(self, element, refine, last):
         if element == "linear":
@@ -128,14 +127,13 @@ class Equilibrium:
             patch = np.unique(patch, return_inverse=True)[1].ravel()
         return LockingFreeCells(self.mesh, self.law, patch)
 
-    def _expansion(self, interpolation, reaction, held):
-        """Z, (n_dofs, n_eta)."""
-        d, n = self.mesh.dim, self.mesh.n_dofs
-        pick = sp.csr_matrix(
-            (np.ones(self.n_free), (self.free, np.arange(self.n_free))), (n, self.n_free)
-        )
-        ties = sp.diags(reaction.astype(float)) @ interpolation.tocsc()[:, held]
-        return sp.hstack([pick, sp.kron(ties, sp.identity(d))], format="csr")
+    def _refined_conditions(self, interpolation):
+        problem, sliding = self.problem, None
+        reaction = interpolation @ problem.reaction.astype(float) > 1 - 1e-9
+        if problem.sliding is not None:
+            sliding = reaction & (interpolation @ problem.sliding.astype(float) > 0)
+        labels = None if problem.labels is None else problem.labels[self.parent]
+        return conditions(self.mesh, reaction, sliding, labels, problem.slip)
 
     def rest(self, x: np.ndarray) -> State:
         """Return the state of nothing moved: where measured cells may be inside out, fits begin."""
@@ -187,9 +185,9 @@ class Equilibrium:
         return Equilibrium(self.problem, self.parameters, 4 * self.refine, self.element)
 
     @property
-    def coarse(self) -> np.ndarray:
-        """Where in η, (n_eta,) bool, the degrees of freedom of the measured nodes are."""
-        return np.repeat(self.measured, self.mesh.dim)
+    def measured(self) -> sp.csr_matrix:
+        """How the measured nodes' part of η moves them, (n_dofs of the nodes, k); orthonormal."""
+        return self.Z[: self.problem.mesh.n_dofs][:, np.flatnonzero(self.coarse)]
 
     def _linearise(self, x, eta):
         """The state at η, with the matrix of its first trial for all."""

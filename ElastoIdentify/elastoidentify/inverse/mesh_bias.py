@@ -29,7 +29,7 @@ def affordable(forward: Equilibrium) -> bool:
 def defect(forward: Equilibrium, state: State, tell=None) -> list[np.ndarray] | None:
     """Return what better cells would add to the measured nodes' displacements, (n, 1) per trial.
 
-    In the order of the measured entries of η. A fit of measured displacements has taken it for
+    As the fit sees displacements, see :class:`.misfit.Displacements`. A fit of measured displacements has taken it for
     stiffness: its map is off by what the fit answers to these. None where the finer solution does
     not converge.
     """
@@ -42,8 +42,9 @@ def defect(forward: Equilibrium, state: State, tell=None) -> list[np.ndarray] | 
         solved = fine.settle(state.x, eta, tell).eta
     except InputError:
         return None
-    # both orders are by node, free ones first, and the finer mesh keeps the nodes' numbers
-    gap = solved[fine.coarse] - state.eta[forward.coarse]
+    # the finer mesh keeps the nodes' numbers
+    moved = fine.measured @ solved[fine.coarse] - forward.measured @ state.eta[forward.coarse]
+    gap = forward.measured.T @ moved
     return list(RICHARDSON * gap.T[:, :, None])
 
 
@@ -61,7 +62,7 @@ def _start(forward, fine, state):
     u = forward.displacements(state.eta)
     _, _, between = forward.mesh.refined()
     flat = np.stack([(between @ v).ravel() for v in u], axis=1)
-    return flat[fine.free]
+    return fine.Z[:, : fine.n_free].T @ flat
 
 
 def bias_warning(bias, std, element: str) -> str | None:

@@ -17,8 +17,9 @@ MOST_LOST = 0.01  # share of the cells on its way that it may lose
 
 def _system(problem: Problem) -> BalanceSystem:
     return BalanceSystem(
-        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction
-    )
+        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction,
+        problem.conditions,
+    )  # fmt: skip
 
 
 def sequential(problem: Problem, progress: Progress | None = None) -> Estimate:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .equilibrium import Equilibrium, State
-from .observations import block_diagonal
+from .observations import block_diagonal, per_block
 
 
 @dataclass
@@ -46,22 +46,27 @@ class Term(Protocol):
 
 
 class Displacements:
-    """The measured displacements of the mesh's nodes, each node with its own covariance."""
+    """The measured displacements of the mesh's nodes, each node with its own covariance.
+
+    Of nodes that touch and slide, the allowed motion nearest to what was measured.
+    """
 
     def __init__(self, forward: Equilibrium):
-        noise, d = forward.problem.noise, forward.mesh.dim
-        nodes = forward.nodes[forward.measured]
-        rows = (np.flatnonzero(forward.measured)[:, None] * d + np.arange(d)).ravel()
-        n = len(rows)
+        noise, B, y = forward.problem.noise, forward.measured, forward.data
+        rows, n, n_trials = np.flatnonzero(forward.coarse), B.shape[1], y.shape[1]
         self.pick = sp.csr_matrix((np.ones(n), (np.arange(n), rows)), (n, forward.n_eta))
-        self.data = forward.data[(nodes[:, None] * d + np.arange(d)).ravel()]
-        self.n_equations = self.data.size - self.data.shape[1] * len(forward.held)
+        self.n_equations = n_trials * (n - len(forward.held))
         shared = noise.information is None
-        n_trials = self.data.shape[1]
-        C = [noise.covariances(t)[nodes] for t in range(1 if shared else n_trials)]
-        weight = [block_diagonal(np.linalg.inv(c)) for c in C]
-        root = [block_diagonal(np.linalg.cholesky(c)) for c in C]
-        self.weight, self.root = (x * n_trials if shared else x for x in (weight, root))
+        self.weight, self.root, self.data = [], [], np.empty((n, n_trials))
+        for t in range(n_trials):
+            if not (t and shared):
+                W = block_diagonal(np.linalg.inv(noise.covariances(t)))
+                weight = B.T @ W @ B
+                C = per_block(np.linalg.inv, weight)
+                root = per_block(np.linalg.cholesky, C)
+            self.weight.append(weight.tocsr())
+            self.root.append(root)
+            self.data[:, t] = C @ (B.T @ (W @ y[:, t]))
 
     def observe(self, state):
         residual = self.data - self.pick @ state.eta

@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from ..fem.assembly import internal_forces, tangent_stiffness
 from .balance_system import BalanceSystem
@@ -60,6 +61,40 @@ def block_diagonal(blocks: np.ndarray) -> sp.csr_matrix:
     return sp.bsr_matrix((np.ascontiguousarray(blocks), at[:-1], at)).tocsr()
 
 
+def per_block(function, matrix: sp.spmatrix) -> sp.csr_matrix:
+    """Return a function of small dense matrices applied to the blocks of a block-diagonal matrix.
+
+    The blocks are found from the pattern, in whatever order their rows come; `function` takes all
+    of one size, (k, n, n).
+    """
+    matrix = matrix.tocoo()
+    _, block = connected_components(matrix, directed=False)
+    order = np.argsort(block, kind="stable")
+    _, start, size = np.unique(block[order], return_index=True, return_counts=True)
+    within = np.empty(len(order), int)  # the block
+    within[order] = np.arange(len(order)) - np.repeat(start, size)
+    parts = []
+    for n in np.unique(size):
+        chosen = np.flatnonzero(size == n)
+        number = np.full(len(size), -1)
+        number[chosen] = np.arange(len(chosen))
+        here = number[block[matrix.row]] >= 0
+        row, col = matrix.row[here], matrix.col[here]
+        dense = np.zeros((len(chosen), n, n))
+        np.add.at(dense, (number[block[row]], within[row], within[col]), matrix.data[here])
+        members = order[start[chosen][:, None] + np.arange(n)]
+        shape = dense.shape
+        parts.append(
+            (
+                function(dense).ravel(),
+                np.broadcast_to(members[:, :, None], shape).ravel(),
+                np.broadcast_to(members[:, None, :], shape).ravel(),
+            )
+        )
+    values, row, col = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return sp.csr_matrix((values, (row, col)), matrix.shape)
+
+
 def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> tuple[float, int]:
     """Return the noise scale from nodes that touch known cells only, and how many equations say so.
 
@@ -67,15 +102,16 @@ def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> t
     estimate holds however noisy the data are.
     """
     mesh, unknowns = system.mesh, system.unknowns
-    around = mesh.node_cells @ np.ones(mesh.n_cells)
-    known = mesh.node_cells @ unknowns.known.astype(float)
-    nodes = np.flatnonzero((around > 0) & (known == around) & ~system.reaction)
-    rows = (nodes[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()
+    around = system.node_cells @ np.ones(mesh.n_cells)
+    known = system.node_cells @ unknowns.known.astype(float)
+    nodes = np.flatnonzero((around > 0) & (known == around) & system.conditions.asked)
+    rows = system.conditions.rows[(nodes[:, None] * mesh.dim + np.arange(mesh.dim)).ravel()]
+    rows = rows[np.diff(rows.indptr) > 0]
     lam, mu = unknowns.lam_known, unknowns.mu_known
     ratios = []
     for trial, u in enumerate(system.displacements):
-        force = internal_forces(mesh, system.law, u, lam, mu).ravel()[rows]
-        K = tangent_stiffness(mesh, system.law, u, lam, mu)[rows]
+        force = rows @ internal_forces(mesh, system.law, u, lam, mu).ravel()
+        K = rows @ tangent_stiffness(mesh, system.law, u, lam, mu)
         C = block_diagonal(noise.covariances(trial))
         variance = np.asarray((K @ C).multiply(K).sum(axis=1)).ravel()
         ratios.append(force**2 / variance)

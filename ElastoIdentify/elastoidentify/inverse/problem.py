@@ -1,11 +1,14 @@
 """What a method is given and what it returns."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from ..fem.constitutive import Kinematics
+from ..fem.contact import Pairs
 from ..fem.mesh import Mesh
+from .conditions import Conditions, conditions
 from .observations import DisplacementNoise
 from .parameterization import Unknowns
 
@@ -23,6 +26,13 @@ class Problem:
     refine: int | None = None
     element: str = "locking-free"  # of the regularized method's forward problem, or "linear"
     labels: np.ndarray | None = None  # (n_cells,) int: cells of different labels are not averaged
+    slip: Pairs = ()  # pairs of labels that slide on each other
+    sliding: np.ndarray | None = None  # (n_nodes,) bool: reaction nodes that are pushed across only
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Where balance is asked, and how nodes may move."""
+        return conditions(self.mesh, self.reaction, self.sliding, self.labels, self.slip)
 
 
 @dataclass

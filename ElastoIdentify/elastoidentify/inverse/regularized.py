@@ -83,7 +83,7 @@ class _Fit:
         if mesh.dim == 2 and len(self.terms) == 1:
             nodes = self.forward.mesh.points[self.forward.free // 2]
             return DirectSystem(places, nodes)
-        return ReducedSystem(places, mesh.dim)
+        return ReducedSystem(places, mesh.dim if self.forward.by_node else 1)
 
     @property
     def by_products(self) -> bool:

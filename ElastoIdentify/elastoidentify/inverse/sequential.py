@@ -160,7 +160,7 @@ class _Planner:
         self.solved = np.zeros(c.n_groups + 1, bool)
         self.solved[-1] = True
         self.total = (c.groups < c.n_groups).sum(axis=1)
-        cells = system.mesh.node_cells[system.nodes]
+        cells = system.node_cells[system.nodes]
         self.cells = np.diff(cells.indptr)  # around each node, known ones included
         self.open = self.total.copy()  # groups still to find at each node
         self.forced = self.level == 0  # a known force acts
