@@ -8,7 +8,10 @@ from elastoidentify.study import STEPS
 from slicer.parameterNodeWrapper import Choice as OneOf
 from slicer.parameterNodeWrapper import WithinRange
 
-OF_NODES = ("known_materials", "rigid_labels", "reaction_boxes", "slice_axis")
+OF_NODES = (
+    "known_materials", "rigid_labels", "reaction_boxes", "slice_axis", "sliding_labels",
+    "sliding_boxes", "slip",
+)  # fmt: skip
 """Options that Slicer gives otherwise: materials by segment, boxes by ROIs, the slice by a view."""
 
 LIMIT = 1e9  # of numbers that the table does not bound: a spin box needs some

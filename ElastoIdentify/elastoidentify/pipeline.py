@@ -118,7 +118,7 @@ def run(
         cell_blocks(mesh.cells),
         displacements,
         labels=mesh.labels,
-        reaction_nodes=mesh.reaction_nodes.astype(bool),
+        reaction_nodes=mesh.reaction_nodes,
         information=None if registration is None else to_matrices(registration.information),
         names=names,
         progress=part(progress, 0.7, 1.0),
@@ -171,7 +171,7 @@ def check(study: Study, mesh: LabelMesh) -> None:
         known_by_label(study),
         n_trials=len(study.pushed) - (study.rest is None),
         labels=mesh.labels,
-        reaction_nodes=mesh.reaction_nodes.astype(bool),
+        reaction_nodes=mesh.reaction_nodes,
         **keywords(study, IdentificationOptions),
     )
 

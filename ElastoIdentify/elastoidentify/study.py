@@ -31,6 +31,25 @@ def _check_known(label: int, young: float, poisson: float) -> None:
     check_material(young, poisson, f"known label {label}")
 
 
+def _check_slip(first: int, second: int) -> None:
+    if first == second:
+        raise InputError(f"slip {first}:{second}: name two labels, which slide on each other")
+
+
+def _slip(doc: str) -> Rows:
+    """The one option that two steps share: the mesh is split, and then no shear is passed on."""
+    return Rows(
+        "SlipPair",
+        doc,
+        ["first label", "second label"],
+        kinds=[int, int],
+        check_row=_check_slip,
+        group="Contact",
+        flags=["--slip"],
+        metavar="LABEL:LABEL",
+    )
+
+
 class MeshOptions(Table):
     """From a segmentation to a mesh."""
 
@@ -79,6 +98,32 @@ class MeshOptions(Table):
         advanced=True,
         flags=["--reaction-box"],
         metavar="X0,X1,Y0,Y1[,Z0,Z1]",
+    )
+    sliding_labels = Rows(
+        "SlidingLabel",
+        "Rigid labels on which the tissue slides without friction: they push along their normal "
+        "only.",
+        ["label"],
+        kinds=[int],
+        group="Contact",
+        advanced=True,
+        flags=["--sliding"],
+        metavar="LABEL",
+    )
+    sliding_boxes = Rows(
+        "SlidingBox",
+        "Boxes of the world in which an outside body may push along the normal only.",
+        ["x0", "x1", "y0", "y1", "z0", "z1"],
+        lengths=[4, 6],
+        unit="length",
+        group="Contact",
+        advanced=True,
+        flags=["--sliding-box"],
+        metavar="X0,X1,Y0,Y1[,Z0,Z1]",
+    )
+    slip = _slip(
+        "Pairs of labels that slide on each other without friction: each gets nodes of its own "
+        "along their interface."
     )
     border_reactions = Flag(
         True,
@@ -182,6 +227,10 @@ class IdentificationOptions(Table):
         group="Materials",
         flags=["--known"],
         metavar="LABEL:E=5000,nu=0.43",
+    )
+    slip = _slip(
+        "Pairs of labels that slide on each other without friction: only normal traction is "
+        "passed on. The mesh must have been made with them."
     )
     unknowns = Choice(
         "lambda-mu",

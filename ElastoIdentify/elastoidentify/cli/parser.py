@@ -37,8 +37,9 @@ class Parser(argparse.ArgumentParser):
 def add_options(parser, table: type[Table], leave_out=()) -> None:
     """Declare the options of a table; only those that are said end up in the arguments."""
     groups = {group.title: group for group in parser._action_groups}
+    said = {action.dest for action in parser._actions}  # two steps may share an option
     for name, option in table.options().items():
-        if name in leave_out:
+        if name in leave_out or name in said:
             continue
         if option.group not in groups:
             groups[option.group] = parser.add_argument_group(option.group)
@@ -103,6 +104,8 @@ def _row(option: Rows):
         return parse_known
     if len(option.columns) == 1:
         return option.kinds[0]
+    if option.metavar == "LABEL:LABEL":
+        return parse_pair
     return parse_numbers(*option.lengths)
 
 
@@ -120,6 +123,15 @@ def parse_known(text: str) -> tuple[int, float, float]:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not LABEL:E=MODULUS,nu=RATIO, as in 1:E=5000,nu=0.43"
         ) from None
+
+
+def parse_pair(text: str) -> tuple[int, int]:
+    """Parse ``1:2``."""
+    first, _, second = text.partition(":")
+    try:
+        return int(first), int(second)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not LABEL:LABEL, as in 1:2") from None
 
 
 def parse_numbers(*counts: int):

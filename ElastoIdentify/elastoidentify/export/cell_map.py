@@ -162,7 +162,7 @@ def from_grid(grid, where: str = "the mesh") -> CellMap:
         np.asarray(get_array(cells, "Status"))[order].astype(int),
         np.ones(len(order), int) if labels is None else np.asarray(labels)[order],
         np.array(trials, float) if trials else np.empty((0, grid.GetNumberOfPoints(), 3)),
-        reaction_nodes(grid) if reaction_nodes(grid) is not None else np.empty(0, bool),
+        np.empty(0, bool) if reaction_nodes(grid) is None else reaction_nodes(grid) != 0,
         _names(report),
         made.get("unit") or "Pa",
         made.get("length_unit") or "mm",

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from .mesh import Mesh
-from .soundness import coincident, sides
+from .soundness import Blocks, coincident, sides
 
 Pairs = Sequence[tuple[int, int]]
 
@@ -60,7 +60,7 @@ def split_nodes(cells: np.ndarray, labels: np.ndarray, pairs: Pairs):
         return cells, old
 
     # corners of cells, of which those that share a side that does not slip are one node
-    first, second, nodes = found.owner[one[~slips]], found.owner[other[~slips]], None
+    first, second = found.owner[one[~slips]], found.owner[other[~slips]]
     nodes = found.corners[one[~slips]][:, : k - 1]
     here = np.isin(nodes, touched)
     cell_a, cell_b = (np.repeat(c[:, None], k - 1, axis=1)[here] for c in (first, second))
@@ -153,6 +153,32 @@ def blocked(tensors: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(tensors)
     chosen = (values > CORNER * values[:, -1:]) & (values[:, -1:] > 0)
     return np.einsum("nik,nk,njk->nij", vectors, chosen.astype(float), vectors)
+
+
+def on_two_sides(n_nodes: int, blocks: Blocks, labels: np.ndarray, pairs: Pairs):
+    """Return a function that tells which pairs of nodes (p, 2) belong to the two sides of a slip.
+
+    Parameters
+    ----------
+    labels : (m,) int
+        In the order of the blocks' cells.
+    """
+    node = np.concatenate([nodes.ravel() for _, nodes in blocks])
+    count = [np.full(len(nodes), nodes.shape[1]) for _, nodes in blocks]
+    label = np.repeat(labels, np.concatenate(count))
+    has = {one: np.zeros(n_nodes, bool) for one in np.unique(pairs).tolist()}
+    for one, here in has.items():
+        here[node[label == one]] = True
+
+    def tell(nodes):
+        found = np.zeros(len(nodes), bool)
+        for a, b in pairs:
+            only_a, only_b = has[a] & ~has[b], has[b] & ~has[a]
+            for first, second in (nodes.T, nodes.T[::-1]):
+                found |= only_a[first] & only_b[second]
+        return found
+
+    return tell
 
 
 def _normals(points, corners):

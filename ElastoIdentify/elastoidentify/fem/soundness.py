@@ -3,7 +3,7 @@
 Blocks are ``(kind, nodes (m, k))`` as everywhere; cells are numbered through them in turn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,11 +80,16 @@ def edges(blocks: Blocks) -> np.ndarray:
     return np.column_stack([keys // base, keys % base])
 
 
-def coincident(points: np.ndarray, blocks: Blocks, tolerance: float = 1e-5) -> np.ndarray:
+def coincident(
+    points: np.ndarray,
+    blocks: Blocks,
+    tolerance: float = 1e-5,
+    joined: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
     """Return for each node the first node at its place, itself as a rule. Shape (n,) int.
 
     Only nodes of cells count. `tolerance` is a share of the typical edge; nodes of one cell are
-    never taken for one.
+    never taken for one. `joined` tells of pairs of nodes (p, 2) at one place which may be one.
     """
     first = np.arange(len(points))
     used = np.unique(np.concatenate([nodes.ravel() for _, nodes in blocks]))
@@ -95,6 +100,8 @@ def coincident(points: np.ndarray, blocks: Blocks, tolerance: float = 1e-5) -> n
         return first  # nothing that could be near
     reach = min(tolerance * np.median(lengths), 0.1 * lengths.min())
     pairs = cKDTree(points[used]).query_pairs(reach, output_type="ndarray")
+    if joined is not None and len(pairs):
+        pairs = pairs[joined(used[pairs])]
     if not len(pairs):
         return first
     ones = np.ones(len(pairs))

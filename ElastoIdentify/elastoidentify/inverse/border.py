@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fem import soundness
+from ..fem.contact import Pairs, on_two_sides, touching
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..study import check_material
@@ -20,6 +21,7 @@ SKEW = 1e-6  # of a tensor's size: what rounding leaves of asymmetry, or below z
 NOT_SMOOTH, ROUGH = 0.05, 0.5  # of what the same displacements in random order jump along edges
 SMOOTHER = 0.3  # in the reverse order: then it is hardly by chance
 FEW_NODES = 20
+SLIDES = 2  # mark of a reaction node on which an outside body slides
 FARTHEST = 1e15  # sizes of the mesh that displacements may reach; beyond, digits are lost
 SMALL_PUSH = 1e-4  # of the mesh's size
 
@@ -119,9 +121,17 @@ class Frame:
         """Diagonal of the box around the mesh."""
         return float(np.linalg.norm(np.ptp(self.mesh.points, axis=0)))
 
-    def close_seams(self, vectors: np.ndarray) -> None:
-        """Let nodes at one place be one where they move as one; vectors (t, n_given, c)."""
-        first = soundness.coincident(self._points, self._nodes_by_kind())
+    def close_seams(self, vectors: np.ndarray, labels=None, slip: Pairs = ()) -> None:
+        """Let nodes at one place be one where they move as one; vectors (t, n_given, c).
+
+        Nodes on the two sides of `slip`, pairs of labels, stay two.
+        """
+        joined = None
+        if len(slip):
+            in_order = labels[np.concatenate([ids for _, _, ids in self._blocks])]
+            slides = on_two_sides(self.n_given, self._nodes_by_kind(), in_order, slip)
+            joined = lambda pairs: ~slides(pairs)  # noqa: E731
+        first = soundness.coincident(self._points, self._nodes_by_kind(), joined=joined)
         n_doubled = np.count_nonzero(first != np.arange(len(first)))
         if not n_doubled:
             return
@@ -130,7 +140,8 @@ class Frame:
         if (apart > SAME * np.abs(used).max(axis=(1, 2), initial=0.0)).any():
             self.notes.append(
                 f"{n_doubled} nodes lie at the place of another and move differently: the cells on "
-                "the two sides are not connected there"
+                "the two sides are not connected there (if they slide on each other, name their "
+                "labels in slip)"
             )
             return
         self.notes.append(
@@ -311,10 +322,48 @@ def _known_by_label(known, labels, n_cells):
     return young, poisson
 
 
+def slip_pairs(given, labels: np.ndarray | None) -> list[tuple[int, int]]:
+    """Return the pairs of labels that slide on each other."""
+    pairs = whole_numbers(given if given is not None and len(given) else np.empty((0, 2)), "slip")
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise InputError(f"slip has shape {pairs.shape}: give pairs of labels, as in ((1, 2),)")
+    if len(pairs) and labels is None:
+        raise InputError("slip is between labels, but the cells have none")
+    for first, second in pairs.tolist():
+        if first == second:
+            raise InputError(f"slip {first}:{second}: name two labels, which slide on each other")
+        for label in (first, second):
+            if label not in labels:
+                raise InputError(
+                    f"slip {first}:{second}: label {label} does not occur in the mesh, its labels "
+                    f"are {', '.join(str(v) for v in np.unique(labels)[:20])}"
+                )
+    return [tuple(pair) for pair in pairs.tolist()]
+
+
+def check_slip(mesh: Mesh, labels, slip: Pairs) -> None:
+    """Refuse pairs of labels that do not touch with nodes of their own."""
+    for pair in slip:
+        if len(touching(mesh, labels, [pair])[0]):
+            continue
+        first, second = (mesh.node_cells @ (labels == label) > 0 for label in pair)
+        name = "slip {}:{}".format(*pair)
+        if (first & second).any():
+            raise InputError(
+                f"{name}: cells of both labels share {np.count_nonzero(first & second)} nodes, "
+                "which cannot slide: mesh the segmentation with the same slip, which gives each "
+                "side nodes of its own"
+            )
+        raise InputError(
+            f"{name}: no side of a cell of one label lies on one of the other: the nodes of both "
+            "must be at the same places along their interface"
+        )
+
+
 def reaction_nodes(given, n_nodes: int) -> np.ndarray:
-    """Return where an outside body may push, (n_nodes,) bool; nowhere if nothing is given."""
+    """Return 1 where an outside body may push, 2 where it slides, else 0. (n_nodes,) int"""
     if given is None:
-        return np.zeros(n_nodes, bool)
+        return np.zeros(n_nodes, int)
     values = numbers(given, "reaction nodes")
     if values.shape != (n_nodes,):
         raise InputError(
@@ -327,7 +376,7 @@ def reaction_nodes(given, n_nodes: int) -> np.ndarray:
             f"reaction nodes: {len(missing)} of {n_nodes} values are NaN, the first is that of "
             f"node {missing[0]}: give 1 where an outside body may push and 0 elsewhere"
         )
-    return values != 0
+    return np.where(values == SLIDES, SLIDES, values != 0).astype(int)
 
 
 # ---- what was measured
@@ -492,9 +541,15 @@ def folded_cells(mesh: Mesh, u: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate(folded))
 
 
-def pieces_of(mesh: Mesh) -> tuple[int, np.ndarray]:
-    """Return how many parts of the mesh share no node, and each cell's part, (n_cells,)."""
-    count, part = soundness.pieces(mesh.n_nodes, [(b.cell.name, b.nodes) for b in mesh.blocks])
+def pieces_of(mesh: Mesh, touch: np.ndarray | None = None) -> tuple[int, np.ndarray]:
+    """Return how many parts of the mesh share no node, and each cell's part, (n_cells,).
+
+    Pairs of nodes that `touch` (p, 2) make one part, too.
+    """
+    blocks = [(b.cell.name, b.nodes) for b in mesh.blocks]
+    if touch is not None:
+        blocks.append(("pair", touch))
+    count, part = soundness.pieces(mesh.n_nodes, blocks)
     by_cell = np.empty(mesh.n_cells, int)
-    by_cell[np.concatenate([b.ids for b in mesh.blocks])] = part
+    by_cell[np.concatenate([b.ids for b in mesh.blocks])] = part[: mesh.n_cells]
     return count, by_cell

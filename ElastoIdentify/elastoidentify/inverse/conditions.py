@@ -179,7 +179,7 @@ def _null(matrices):
 
 def _entries(bases, slots, first):
     """Entries of bases (g, n, n) whose columns take the slots (g, n) from the `first` (g,) on."""
-    g, n, _ = bases.shape
+    n = bases.shape[1]
     real = np.abs(bases).max(axis=1) > 0
     column = np.minimum(np.arange(n) + first[:, None], n - 1)
     at = np.take_along_axis(slots, column, axis=1)
@@ -195,3 +195,33 @@ def _ordered(entries, n):
     matrix = sp.csr_matrix((value, (row, column.ravel())), (n, len(slots)))
     matrix.eliminate_zeros()
     return matrix, slots
+
+
+def contact_report(there: Conditions, displacements: np.ndarray) -> tuple[dict | None, list[str]]:
+    """Return how far the two sides slide and part in the measured displacements, and what is odd.
+
+    Parameters
+    ----------
+    displacements : (t, n_nodes, d)
+
+    Returns
+    -------
+    dict or None
+        ``pairs`` of nodes; ``slide`` and ``gap``, root mean squares over nodes and trials of the
+        difference along and across the interface (length); None where nothing slides.
+    list of str
+    """
+    if not len(there.pairs):
+        return None, []
+    one, other = there.pairs.T
+    jump = displacements[:, one] - displacements[:, other]
+    wrong = np.stack([there.violation(u) for u in displacements])
+    across = wrong[:, one] - wrong[:, other]
+    gap, slide = (float(np.sqrt((v**2).sum(axis=2).mean())) for v in (across, jump - across))
+    report = {"pairs": len(there.pairs), "slide": slide, "gap": gap}
+    if slide >= 2 * gap:
+        return report, []
+    return report, [
+        f"labels are said to slide, but where they touch they slide by {slide:.2g} only and part "
+        f"by {gap:.2g} (root mean squares): if they stick together, leave slip out"
+    ]

@@ -23,6 +23,7 @@ from ..study import check_material
 from . import border
 from .balance_system import BalanceSystem
 from .border import Frame
+from .conditions import conditions, contact_report
 from .methods import METHODS
 from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
@@ -72,6 +73,7 @@ def identify(
     labels: np.ndarray | None = None,
     reaction_nodes: np.ndarray | None = None,
     outer_border: np.ndarray | None = None,
+    slip: Sequence[tuple[int, int]] = (),
     method: str = "auto",
     kinematics: str = "small-strain",
     plane: str = "strain",
@@ -102,11 +104,15 @@ def identify(
         The known cells, by label or per cell (NaN: not known).
     labels : (n_cells,) int, optional
         Label of each cell; needed for known-by-label and for ``grouping="label"``.
-    reaction_nodes : (n_nodes,) bool, optional
-        True where an outside body may push: no balance equation there.
+    reaction_nodes : (n_nodes,), optional
+        1 where an outside body may push: no balance equation there. 2 where it may along the
+        normal only: the tissue slides on it without friction.
     outer_border : (n_nodes,) bool, optional
         True for the nodes of the body's own border. Where the mesh ends and this is False it was
         cut (by Clip, say): what lies beyond may push, so those nodes count as reaction nodes.
+    slip : sequence of (label, label)
+        Pairs of labels that slide on each other without friction: only normal traction is passed
+        on. Along their interface each has nodes of its own, at the same places.
     method : "auto", "sequential", "global", "regularized"
     kinematics : "small-strain", "st-venant-kirchhoff", "neo-hookean"
     plane : "strain", "stress" (2-D only)
@@ -136,10 +142,12 @@ def identify(
     progress = progress or silent
     frame = Frame(points, cells)
     u = border.displacements(frame, displacements)
-    frame.close_seams(u)
+    labels = border.cell_labels(labels, frame.mesh.n_cells)
+    slip = border.slip_pairs(slip, labels)
+    frame.close_seams(u, labels, slip)
     setting = _setting(
         frame, known, labels=labels, reaction_nodes=reaction_nodes, outer_border=outer_border,
-        method=method, kinematics=kinematics, plane=plane, unknowns=unknowns,
+        slip=slip, method=method, kinematics=kinematics, plane=plane, unknowns=unknowns,
         poisson_ratio=poisson_ratio, poisson_std=poisson_std, grouping=grouping, noise=noise,
         refine=refine, reference_label=reference_label, element=element,
     )  # fmt: skip
@@ -152,6 +160,8 @@ def identify(
     large_push = bool(problem.law.linear and gradient > LARGE_GRADIENT)
     warnings = frame.notes + _check_trials(problem, unknowns, grouping, gradient, large_push)
     warnings += _check_equations(problem.mesh, setting, len(trials), method)
+    contact, said = contact_report(problem.conditions, problem.displacements)
+    warnings += said
     progress(0.0, "force balance")
     if apart.any():
         warnings.append(
@@ -175,7 +185,7 @@ def identify(
         "kinematics": kinematics, "unknowns": unknowns, "grouping": grouping,
         "requested_method": method, "trials": len(trials),
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
-        "large_push": large_push,
+        "large_push": large_push, "contact": contact,
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
     }  # fmt: skip
     result.report["verdict"] = judge(
@@ -209,7 +219,7 @@ def check_input(
     InputError
     """
     options = {
-        "method": "auto", "labels": None, "reaction_nodes": None, "outer_border": None
+        "method": "auto", "labels": None, "reaction_nodes": None, "outer_border": None, "slip": ()
     } | options  # fmt: skip
     frame = Frame(points, cells)
     setting = _setting(frame, known, **options)
@@ -232,13 +242,15 @@ class _Setting:
     reaction: np.ndarray  # (n_nodes,) bool
     cut_nodes: int  # of them, where the mesh ends though the body goes on
     labels: np.ndarray | None
+    slip: list
+    sliding: np.ndarray  # (n_nodes,) bool: reaction nodes on which an outside body slides
     noise: float | None
     refine: int | None
     element: str
 
 
 def _setting(
-    frame, known, *, labels, reaction_nodes, outer_border, method, kinematics="small-strain",
+    frame, known, *, labels, reaction_nodes, outer_border, slip, method, kinematics="small-strain",
     plane="strain", unknowns="lambda-mu", poisson_ratio=None, poisson_std=None, grouping="cell",
     noise=None, refine=None, reference_label=None, element="locking-free",
 ):  # fmt: skip
@@ -266,6 +278,8 @@ def _setting(
         raise InputError("grouping by label needs the label of every cell")
     if reference_label is not None and (labels is None or reference_label not in labels):
         raise InputError(f"the reference label {reference_label} does not occur in the mesh")
+    slip = border.slip_pairs(slip, labels)
+    border.check_slip(mesh, labels, slip)
     young, poisson = border.known_materials(known, labels, mesh.n_cells)
 
     def unknowns_of(cells):
@@ -279,7 +293,9 @@ def _setting(
             return made
         return free_ratio(made, poisson_ratio, poisson_std, here, plane_stress)
 
-    reaction = frame.anywhere(border.reaction_nodes(reaction_nodes, frame.n_given))
+    marks = border.reaction_nodes(reaction_nodes, frame.n_given)
+    reaction = frame.anywhere(marks != 0)
+    sliding = reaction & ~frame.anywhere((marks != 0) & (marks != border.SLIDES))
     cut = _cut_nodes(frame, outer_border, reaction)
     if noise is not None and not (np.isfinite(noise) and noise > 0):
         raise InputError(f"noise is {noise:g}, it must be a positive length, or left out")
@@ -287,8 +303,8 @@ def _setting(
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
     made = unknowns_of(np.full(mesh.n_cells, True))
     return _Setting(
-        KINEMATICS[kinematics], made, unknowns_of, reaction | cut, int(cut.sum()), labels, noise,
-        refine, element,
+        KINEMATICS[kinematics], made, unknowns_of, reaction | cut, int(cut.sum()), labels, slip,
+        sliding, noise, refine, element,
     )  # fmt: skip
 
 
@@ -346,14 +362,14 @@ def _problem(frame, setting, u, metric, trials):
     errors = DisplacementNoise(u, metric, setting.noise if metric is None else None)
     return Problem(
         frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine,
-        setting.element, setting.labels,
+        setting.element, setting.labels, setting.slip, setting.sliding,
     )  # fmt: skip
 
 
 def _apart(problem):
     """Tell which cells lie in pieces of the mesh without a known cell. (n_cells,) bool"""
     known = problem.unknowns.known
-    n_pieces, piece = border.pieces_of(problem.mesh)
+    n_pieces, piece = border.pieces_of(problem.mesh, problem.conditions.pairs)
     apart = ~np.isin(piece, piece[known])
     if apart[~known].all():
         raise InputError(
@@ -383,6 +399,7 @@ def _without(problem, setting, apart):
             u, None if metric is None else metric[:, nodes], problem.noise.scale
         ),
         labels=None if problem.labels is None else problem.labels[keep],
+        sliding=problem.sliding[nodes],
     )
 
 
@@ -405,8 +422,9 @@ def _check_noise(problem, estimate):
     if given is None:
         return []
     system = BalanceSystem(
-        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction
-    )
+        problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction,
+        problem.conditions,
+    )  # fmt: skip
     shown, equations = scale_from_known_cells(system, problem.noise)
     where = "the balance of forces among the known cells"
     if equations < FEW_EQUATIONS or not shown > FAR * given:
@@ -455,8 +473,10 @@ def _typical_gradient(problem) -> float:
 def _check_equations(mesh, setting, n_trials, method):
     """Warn of fewer equations than unknowns; too few for the exact methods raise."""
     unknowns = setting.unknowns
-    touched = (mesh.node_cells @ (~unknowns.known).astype(float) > 0) & ~setting.reaction
-    equations = int(touched.sum()) * mesh.dim * n_trials
+    there = conditions(mesh, setting.reaction, setting.sliding, setting.labels, setting.slip)
+    touched = there.members @ (mesh.node_cells @ (~unknowns.known).astype(float)) > 0
+    per_trial = int(touched[there.free_slots // mesh.dim].sum())
+    equations, nodes = per_trial * n_trials, int((touched & there.asked).sum())
     if not equations:
         raise InputError(
             "there is no equation: every node of an unknown cell is marked as a reaction node; "
@@ -465,7 +485,7 @@ def _check_equations(mesh, setting, n_trials, method):
     if equations >= unknowns.n_params:
         return []
     sentence = (
-        f"there are fewer equations ({equations}: {touched.sum()} free nodes × {mesh.dim} "
+        f"there are fewer equations ({equations}: {nodes} free nodes × {per_trial / nodes:.3g} "
         f"components × {n_trials} trials) than unknowns ({unknowns.n_params})"
     )
     if method in ("sequential", "global") and equations < 0.8 * unknowns.n_params:
@@ -529,7 +549,8 @@ def _reached(problem):
     """
     unknowns, mesh = problem.unknowns, problem.mesh
     vertex = np.where(unknowns.known, unknowns.n_groups, unknowns.group)  # known cells are one
-    free = mesh.node_cells[~problem.reaction].tocoo()
+    there = problem.conditions
+    free = (there.members @ mesh.node_cells)[there.asked].tocoo()
     n_rows, n = free.shape[0], unknowns.n_groups + 1
     edges = sp.coo_matrix(
         (np.ones(free.nnz, bool), (free.row, n_rows + vertex[free.col])), (n_rows + n,) * 2
@@ -579,10 +600,10 @@ def _residuals(problem, estimate):
     mesh = problem.mesh
     missing = ~(np.isfinite(estimate.lam) & np.isfinite(estimate.mu))
     lam, mu = (np.where(missing, 0, x) for x in (estimate.lam, estimate.mu))
-    unknown_here = mesh.node_cells @ missing.astype(float) > 0
+    there = problem.conditions
+    unknown_here = there.members @ (mesh.node_cells @ missing.astype(float)) > 0
     residuals = np.stack(
-        [internal_forces(mesh, problem.law, u, lam, mu) for u in problem.displacements]
+        [there.left(internal_forces(mesh, problem.law, u, lam, mu)) for u in problem.displacements]
     )
-    residuals[:, problem.reaction] = 0
     residuals[:, unknown_here & ~problem.reaction] = np.nan
     return residuals

@@ -29,9 +29,9 @@ def affordable(forward: Equilibrium) -> bool:
 def defect(forward: Equilibrium, state: State, tell=None) -> list[np.ndarray] | None:
     """Return what better cells would add to the measured nodes' displacements, (n, 1) per trial.
 
-    As the fit sees displacements, see :class:`.misfit.Displacements`. A fit of measured displacements has taken it for
-    stiffness: its map is off by what the fit answers to these. None where the finer solution does
-    not converge.
+    As the fit sees displacements, see :class:`.misfit.Displacements`. A fit of measured ones has
+    taken it for stiffness: its map is off by what the fit answers to these. None where the finer
+    solution does not converge.
     """
     fine = forward.finer()
     eta = np.zeros((fine.n_eta, state.eta.shape[1]))

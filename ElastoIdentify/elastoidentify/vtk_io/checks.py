@@ -9,6 +9,7 @@ from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
 
 from ..errors import InputError
 from ..fem import soundness
+from ..fem.contact import Pairs, on_two_sides
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import plane_frame
 from ..results import to_matrices
@@ -30,8 +31,12 @@ SAME = 1e-4  # of the largest displacement: what two copies of a node may differ
 ABSURD = 1e100  # no coordinate: its square would be no number
 
 
-def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str]]:
+def sound_mesh(
+    grid: vtkUnstructuredGrid, slip: Pairs = ()
+) -> tuple[vtkUnstructuredGrid, list[str]]:
     """Return the mesh with what can be mended mended, and a sentence for each mending.
+
+    Nodes at one place on the two sides of `slip`, pairs of labels, are as they should be.
 
     Ghost cells are taken out; nodes that are stored twice at one place, with the same displacement,
     become one; cells in several pieces are said.
@@ -52,7 +57,8 @@ def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str
         raise InputError(
             "the position of a node is not a number, or absurdly large: repair the mesh"
         )
-    first = soundness.coincident(points, blocks)
+    slides = _across_slip(grid, blocks, order, slip)
+    first = soundness.coincident(points, blocks, joined=slides and (lambda p: ~slides(p)))
     doubled = first != np.arange(len(points))
     if doubled.any():
         if _move_together(grid, first):
@@ -68,7 +74,11 @@ def sound_mesh(grid: vtkUnstructuredGrid) -> tuple[vtkUnstructuredGrid, list[str
                 f"{np.count_nonzero(doubled)} nodes lie at the same place as another and move "
                 "differently: the cells on the two sides are not connected there."
             )
-    count, part = soundness.pieces(len(points), blocks)
+    touching = blocks
+    if slides := _across_slip(grid, blocks, order, slip):
+        opposite = soundness.coincident(points, blocks, joined=slides)
+        touching = [(kind, opposite[nodes]) for kind, nodes in blocks]
+    count, part = soundness.pieces(len(points), touching)
     if count > 1:
         sizes = np.sort(np.bincount(part))[::-1]
         notes.append(
@@ -111,7 +121,7 @@ def cell_labels(grid: vtkUnstructuredGrid) -> np.ndarray | None:
 
 
 def reaction_nodes(grid: vtkUnstructuredGrid) -> np.ndarray | None:
-    """Return the point array ``ReactionNodes`` as (n,) bool; None if there is none."""
+    """Return the point array ``ReactionNodes``, (n,); None if there is none."""
     points = grid.GetPointData()
     if not has_array(points, "ReactionNodes"):
         return None
@@ -119,9 +129,9 @@ def reaction_nodes(grid: vtkUnstructuredGrid) -> np.ndarray | None:
     if values.ndim != 1 or not np.isfinite(values).all():
         raise InputError(
             "the point array 'ReactionNodes' must have one number per node, 1 where an outside "
-            "body may push and 0 elsewhere: it has others"
+            "body may push, 2 where it may along the normal only, and 0 elsewhere: it has others"
         )
-    return values != 0
+    return values
 
 
 def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | None:
@@ -185,6 +195,14 @@ def check_unit(
 
 
 # ---- mending
+
+
+def _across_slip(grid, blocks, order, slip):
+    """A function that tells which pairs of nodes slide on each other; None where none do."""
+    labels = cell_labels(grid) if len(slip) else None
+    if labels is None:
+        return None
+    return on_two_sides(grid.GetNumberOfPoints(), blocks, labels[order], slip)
 
 
 def _with_whole_labels(grid):

@@ -54,7 +54,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         For the provenance.
     progress : callable, optional
     """
-    mesh, notes = sound_mesh(mesh)
+    mesh, notes = sound_mesh(mesh, options.slip)
     blocks, order = mesh_blocks(mesh)
     trials = trials_of(mesh, trials)
     if not trials:

@@ -42,7 +42,7 @@ def well_inside(points: np.ndarray, image: Image, normal: np.ndarray | None = No
     return inside.all(axis=1)
 
 
-def check_boxes(boxes: Sequence[Sequence[float]]) -> list[np.ndarray]:
+def check_boxes(boxes: Sequence[Sequence[float]], name: str = "reaction box") -> list[np.ndarray]:
     """Return boxes as arrays (2 or 3, 2) of lower and upper bounds, or raise `InputError`."""
     checked = []
     for number, box in enumerate(boxes, start=1):
@@ -52,14 +52,12 @@ def check_boxes(boxes: Sequence[Sequence[float]]) -> list[np.ndarray]:
             bounds = np.empty(0)
         if bounds.size not in (4, 6) or np.isnan(bounds).any():
             raise InputError(
-                f"reaction box {number} is {box!r}: give x0,x1,y0,y1 or x0,x1,y0,y1,z0,z1 in "
-                "world units"
+                f"{name} {number} is {box!r}: give x0,x1,y0,y1 or x0,x1,y0,y1,z0,z1 in world units"
             )
         bounds = bounds.reshape(-1, 2)
         if (bounds[:, 0] > bounds[:, 1]).any():
             raise InputError(
-                f"reaction box {number} is {box!r}: each lower bound must come before its upper "
-                "bound"
+                f"{name} {number} is {box!r}: each lower bound must come before its upper bound"
             )
         checked.append(bounds)
     return checked

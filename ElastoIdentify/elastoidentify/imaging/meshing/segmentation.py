@@ -7,6 +7,7 @@ from numbers import Real
 import numpy as np
 
 from ...errors import InputError
+from ...fem.contact import split_nodes
 from ...progress import Progress, part
 from ..image import Image
 from .fit import fit_notes
@@ -18,6 +19,7 @@ from .triangles import mesh_triangles
 
 MOST_CELLS = 2_000_000
 WRONG_SIZE = 0.03  # relative error of a label's area or volume; beyond it, the notes say so
+STICKS, SLIDES = 1, 2  # marks of reaction nodes
 NEAR_WHOLE = 1e-3  # labels stored as floats may be off a whole number by so much
 POOR_ANGLE = {2: 25.0, 3: 10.0}  # degrees; below it, the notes say so
 
@@ -36,7 +38,8 @@ class LabelMesh:
         xy plane: counter-clockwise in x, y).
     labels : ndarray of int32, shape (m,)
     reaction_nodes : ndarray of uint8, shape (n,)
-        1 where an outside body may push, so that no force balance may be asked of the node.
+        1 where an outside body may push, so that no force balance may be asked of the node; 2 where
+        it may along the normal only, because tissue slides on it.
     notes : list of str
         Sentences for people: what was left out, and where the mesh is poor.
     """
@@ -64,6 +67,9 @@ def mesh_segmentation(
     *,
     rigid_labels: int | Sequence[int] = (),
     reaction_boxes: Sequence[Sequence[float]] = (),
+    sliding_labels: int | Sequence[int] = (),
+    sliding_boxes: Sequence[Sequence[float]] = (),
+    slip: Sequence[tuple[int, int]] = (),
     border_reactions: bool = True,
     seen: Image | None = None,
     progress: Progress | None = None,
@@ -83,6 +89,14 @@ def mesh_segmentation(
         share with other labels become reaction nodes.
     reaction_boxes : sequence of (x0, x1, y0, y1) or (x0, x1, y0, y1, z0, z1)
         World boxes whose nodes become reaction nodes.
+    sliding_labels : int or sequence of int
+        Those of the rigid labels on which tissue slides without friction.
+    sliding_boxes : as reaction_boxes
+        World boxes in whose nodes an outside body pushes along the normal only. Where it may also
+        push otherwise, that counts.
+    slip : sequence of (label, label)
+        Labels that slide on each other without friction: each gets nodes of its own along their
+        interface. At its ends inside the body both keep one node.
     border_reactions : bool
         Whether nodes on the image border become reaction nodes: what lies beyond is not seen and
         may push.
@@ -100,9 +114,12 @@ def mesh_segmentation(
     """
     progress = part(progress, 0.0, 1.0)
     labels = checked_labels(segmentation)
-    boxes = check_boxes(reaction_boxes)
+    boxes = [("Reaction", *box) for box in enumerate(check_boxes(reaction_boxes), 1)]
+    boxes += [("Sliding", *box) for box in enumerate(check_boxes(sliding_boxes, "sliding box"), 1)]
     rigid_labels = np.atleast_1d(rigid_labels).tolist()
     check_rigid(labels, rigid_labels)
+    sliding_labels = np.atleast_1d(sliding_labels).tolist()
+    check_contact(labels, rigid_labels, sliding_labels, slip)
     smallest = check_edge_length(labels, segmentation, edge_length)
 
     progress(0.0, "Islands")
@@ -130,7 +147,7 @@ def mesh_segmentation(
     voxel = np.delete(segmentation.spacing, [] if cells.shape[1] == 4 else across).prod()
     notes += size_notes(labels, voxel, points, cells, cell_labels)
 
-    reaction = np.zeros(len(points), bool)
+    sticks, slides = np.zeros((2, len(points)), bool)
     rigid = np.isin(cell_labels, rigid_labels)
     if rigid.all():
         raise InputError(
@@ -139,18 +156,22 @@ def mesh_segmentation(
     used, kept = np.unique(cells[~rigid], return_inverse=True)
     for label in rigid_labels:
         shared = np.intersect1d(cells[cell_labels == label], used)
-        reaction[shared] = True
+        (slides if label in sliding_labels else sticks)[shared] = True
         if not len(shared):
             notes.append(f"Rigid label {label} touches no other label: it holds no node.")
-    points, reaction, cell_labels = points[used], reaction[used], cell_labels[~rigid]
-    cells = kept.reshape(len(cell_labels), -1)
+    cell_labels = cell_labels[~rigid]
+    cells, origin = split_nodes(kept.reshape(len(cell_labels), -1), cell_labels, slip)
+    used = used[origin]
+    points, sticks, slides = points[used], sticks[used], slides[used]
+    notes += slip_notes(cells, cell_labels, slip)
     if border_reactions:
-        reaction |= on_image_border(points, segmentation, seen)
-    for number, bounds in enumerate(boxes, start=1):
+        sticks |= on_image_border(points, segmentation, seen)
+    for kind, number, bounds in boxes:
         inside = inside_box(points, bounds, 1e-6 * edge_length)
-        reaction |= inside
+        (slides if kind == "Sliding" else sticks)[inside] = True
         if not inside.any():
-            notes.append(f"Reaction box {number} holds no node of the mesh.")
+            notes.append(f"{kind} box {number} holds no node of the mesh.")
+    reaction = np.where(sticks, STICKS, np.where(slides, SLIDES, 0))
     if not reaction.any():
         notes.append(
             "No node is a reaction node: every node is taken to be free of outside forces."
@@ -206,6 +227,41 @@ def check_rigid(labels: np.ndarray, rigid_labels: Sequence[int]) -> None:
         )
     if set(present) <= set(rigid_labels):
         raise InputError("all labels are rigid: nothing is left to mesh")
+
+
+def check_contact(labels, rigid_labels, sliding_labels, slip) -> None:
+    """Raise `InputError` for a sliding label that is not rigid, or a slip of none or one label."""
+    for label in sliding_labels:
+        if label not in rigid_labels:
+            raise InputError(
+                f"sliding label {label} is not rigid: name it among the rigid labels, too, or give "
+                "the pair of labels that slide on each other in slip"
+            )
+    for first, second in slip:
+        for label in (first, second):
+            if label in rigid_labels:
+                raise InputError(
+                    f"slip {first}:{second}: label {label} is rigid: name it in the sliding labels"
+                )
+            if not (labels == label).any():
+                raise InputError(
+                    f"slip {first}:{second}: label {label} is not in the segmentation, which has "
+                    f"{named(np.unique(labels[labels > 0]))}"
+                )
+
+
+def slip_notes(cells: np.ndarray, cell_labels: np.ndarray, slip) -> list[str]:
+    """Return a sentence per pair of labels that still share nodes."""
+    notes = []
+    for first, second in slip:
+        one, other = (np.unique(cells[cell_labels == label]) for label in (first, second))
+        shared = len(np.intersect1d(one, other))
+        if shared:
+            notes.append(
+                f"Labels {first} and {second} slide on each other but share {shared} nodes, where "
+                "their interface ends inside the body."
+            )
+    return notes
 
 
 def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: float) -> float:
