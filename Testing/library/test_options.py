@@ -199,7 +199,8 @@ def words(option):
         return [w for label, e, nu in value for w in (flag, f"{label}:E={e:g},nu={nu:g}")]
     if isinstance(option, Rows):
         rows = [row if isinstance(row, tuple) else (row,) for row in value]
-        return [w for row in rows for w in (flag, ",".join(f"{x:g}" for x in row))]
+        between = ":" if option.name == "slip" else ","
+        return [w for row in rows for w in (flag, between.join(f"{x:g}" for x in row))]
     return [flag, str(value)]
 
 
