@@ -207,11 +207,13 @@ def measure(
     cells: np.ndarray,
     *,
     reaction_nodes: np.ndarray | None = None,
+    elastix=None,
     progress: Progress | None = None,
 ):
     """Return the Registration of the images at the mesh's nodes.
 
-    At `reaction_nodes` an outside body touches, and the strain ends.
+    At `reaction_nodes` an outside body touches, and the strain ends. `elastix` is what registers,
+    see :func:`~elastoidentify.imaging.registration.register`.
 
     A planar mesh in a slice of volumes is registered in that slice.
     """
@@ -229,6 +231,7 @@ def measure(
         mask=mask,
         reaction_nodes=reaction_nodes,
         **chosen,
+        elastix=elastix,
         progress=progress,
     )
 

@@ -16,11 +16,13 @@ def write(path, image):
 
 
 @pytest.mark.slow
-def test_images_to_stiffness_by_proxies_gives_the_librarys_numbers(script, tmp_path):
+def test_images_to_stiffness_by_proxies_gives_the_pipelines_bits(script, tmp_path):
     pytest.importorskip("vtkmodules")
     pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install scikit-fem")
     from elastoidentify.imaging.phantom.planar import make_phantom
+    from elastoidentify.study import Study
     from elastoidentify.vtk_io import convert
+    from stored_registration import only_read, stored_outcome
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
     phantom = make_phantom(pixels=96, elements=30, pushes=((0.0, 0.06), (0.04, 0.04)))
@@ -30,8 +32,19 @@ def test_images_to_stiffness_by_proxies_gives_the_librarys_numbers(script, tmp_p
         write(tmp_path / f"pushed{number}.vti", image)
     pad = phantom.label("pad")
     material = phantom.materials[pad]
+    study = Study(
+        segmentation=phantom.segmentation,
+        rest=phantom.rest,
+        pushed=phantom.pushed,
+        edge_length=15.0,
+        rigid_labels=phantom.rigid_labels,
+        known_materials={pad: (material.young, material.poisson)},
+    )
+    stored = tmp_path / "stored"
+    stored_outcome(study, phantom, stored)
     rigid = ",".join(map(str, phantom.rigid_labels))
-    script("image_chain.py", tmp_path, pad, material.young, material.poisson, rigid, timeout=500)
+    with only_read(stored):
+        script("image_chain.py", tmp_path, pad, material.young, material.poisson, rigid, stored)
 
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(tmp_path / "stiffness.vtu"))

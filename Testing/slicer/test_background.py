@@ -9,11 +9,14 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 slicer = pytest.importorskip("slicer")
 
 from elastoidentify import pipeline  # noqa: E402
+from elastoidentify.imaging.image import Image  # noqa: E402
+from elastoidentify.study import Study  # noqa: E402
 from elastoidentify.workers.job import BackgroundJob, State  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
 from ElastoIdentifyLib.request import Request  # noqa: E402
@@ -83,3 +86,20 @@ def test_a_map_is_computed_behind_the_launcher(launched):
     result = ElastoIdentifyLogic().process(**inputs)
     assert len(launched.read_text().split()) == 2  # mesh, then identification
     assert result.table.GetNumberOfRows() == 2
+
+
+@pytest.mark.slow
+def test_elastix_answers_behind_the_launcher(launched):
+    """Its process is started by the process in the background; here it finds a shift of a pixel."""
+    texture = 100 + 20 * np.random.default_rng(0).standard_normal((1, 48, 48)).astype(np.float32)
+    study = Study(
+        rest=Image(texture),
+        pushed=[Image(np.roll(texture, 1, axis=2))],
+        parameter_file="affine",
+        backward=False,
+        correlation=False,
+    )
+    points = np.array([[8.0, 8, 0], [40, 8, 0], [40, 40, 0], [8, 40, 0]])
+    cells = np.array([[0, 1, 2], [0, 2, 3]])
+    found = BackgroundJob(pipeline.measure, study, points, cells).wait()
+    np.testing.assert_allclose(found.displacements[0], [[1, 0, 0]] * 4, atol=0.1)

@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+from functools import partialmethod
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ slicer = pytest.importorskip("slicer")
 
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
 from ElastoIdentifyLib import sample  # noqa: E402
+from ElastoIdentifyLib.request import Request  # noqa: E402
+from stored_registration import only_read, stored_outcome  # noqa: E402
 
 import ElastoIdentify  # noqa: E402
 
@@ -37,18 +40,25 @@ def test_a_failure_is_told_and_is_the_exit_code(exits, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_the_script_goes_from_the_phantom_to_the_files(exits, monkeypatch, tmp_path, capsys):
-    """On a smaller phantom: contrast and tissue within a quarter of the truth."""
+    """On a smaller phantom whose registrations are stored: the script's table is the pipeline's."""
+    phantom = make_phantom(inclusions=[Inclusion(contrast=3.0)], pixels=144, elements=24)
+    stored = tmp_path / "stored"
+    study = Request(**sample.phantom_nodes(phantom) | {"edgeLength": 7.0, "options": {}}).study()
+    outcome = stored_outcome(study, phantom, stored)
+    slicer.mrmlScene.Clear(0)
 
     def small():
-        phantom = make_phantom(inclusions=[Inclusion(contrast=3.0)], pixels=144, elements=48)
         inputs = sample.phantom_nodes(phantom)
         return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
 
     asked = []
     logic = ElastoIdentify.ElastoIdentifyLogic
+    process = partialmethod(logic.process, options={"cache": str(stored)})
     monkeypatch.setattr(ElastoIdentify, "loadSample", small)
+    monkeypatch.setattr(logic, "process", process)
     monkeypatch.setattr(logic, "ensurePackages", staticmethod(lambda ask: asked.append(ask)))
-    runpy.run_path(str(SCRIPT), run_name="__main__")
+    with only_read(stored):
+        runpy.run_path(str(SCRIPT), run_name="__main__")
     assert exits == [0], capsys.readouterr().err
     assert asked == [False]
     assert "cells identified" in capsys.readouterr().out
@@ -56,6 +66,9 @@ def test_the_script_goes_from_the_phantom_to_the_files(exits, monkeypatch, tmp_p
     title, *lines = (tmp_path / "segments.tsv").read_text().splitlines()
     name, column = (title.split("\t").index(c) for c in ("name", "YoungModulus median"))
     median = {line.split("\t")[name]: float(line.split("\t")[column]) for line in lines}
+    rows = outcome.result.statistics
+    for found, row in zip(median.values(), rows, strict=True):
+        assert found == pytest.approx(row["YoungModulus median"], rel=1e-5)  # digits of the file
     assert median["pad"] == pytest.approx(5.0)
     assert median["tissue"] == pytest.approx(3.0, rel=0.25)
     assert median["inclusion"] / median["tissue"] == pytest.approx(3.0, rel=0.25)

@@ -1,17 +1,16 @@
-"""Images → mesh → displacement → stiffness by proxies alone; every step against the library."""
+"""Images → mesh → displacement → stiffness by proxies alone; every array against the pipeline's."""
 
 import sys
 
-import elastoidentify as ei
 import numpy as np
-from elastoidentify.imaging.meshing import mesh_segmentation
-from elastoidentify.imaging.registration.registration import register
-from elastoidentify.results import to_matrices
+from elastoidentify.pipeline import run
+from elastoidentify.results import QUANTITIES
+from elastoidentify.study import Study
 from elastoidentify.vtk_io import convert
 from paraview.simple import *  # noqa: F403
 
 folder, pad, young, poisson = sys.argv[1], int(sys.argv[2]), *map(float, sys.argv[3:5])
-rigid = sys.argv[5].split(",")
+rigid, cache = sys.argv[5].split(","), sys.argv[6]
 
 
 def read(name):
@@ -25,7 +24,7 @@ def image(proxy):
 segmentation, rest, pushed = read("segmentation"), read("rest"), [read("pushed1"), read("pushed2")]
 mesh = SegmentationToTriangleMesh(Input=segmentation, EdgeLength=15.0, RigidLabels=rigid)  # noqa: F405
 displacement = ElastixNodalDisplacement(  # noqa: F405
-    Mesh=mesh, RestImage=rest, PushedImages=pushed, Backward=0
+    Mesh=mesh, RestImage=rest, PushedImages=pushed, Cache=cache
 )
 stiffness = LameIdentification(  # noqa: F405
     Input=displacement,
@@ -38,37 +37,45 @@ stiffness = LameIdentification(  # noqa: F405
 SaveData(f"{folder}/stiffness.vtu", stiffness)  # noqa: F405
 found = servermanager.Fetch(stiffness)  # noqa: F405
 
-# ---- the same by the library
-meshed = mesh_segmentation(image(segmentation), 15.0, rigid_labels=[int(word) for word in rigid])
-points = np.asarray(meshed.points, float)
-np.testing.assert_allclose(convert.mesh_points(found), points, rtol=1e-12, atol=1e-12)
-np.testing.assert_array_equal(convert.simplices(found), meshed.cells)
-registered = register(
-    image(rest),
-    [image(proxy) for proxy in pushed],
-    points,
-    meshed.cells,
-    reaction_nodes=meshed.reaction_nodes,
-    backward=False,
-)
-for number, expected in enumerate(registered.displacements, 1):
-    values = convert.get_array(found.GetPointData(), f"Displacement_{number}")
-    np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
-information = np.stack([to_matrices(rows) for rows in registered.information])
-identified = ei.identify(
-    points,
-    [("triangle", meshed.cells)],
-    registered.displacements,
-    {pad: (young, poisson)},
-    labels=meshed.labels,
-    reaction_nodes=meshed.reaction_nodes.astype(bool),
-    information=information,
+# ---- the same by the pipeline, on the same stored registrations
+study = Study(
+    segmentation=image(segmentation),
+    rest=image(rest),
+    pushed=[image(proxy) for proxy in pushed],
+    cache=cache,
+    edge_length=15.0,
+    rigid_labels=[int(word) for word in rigid],
+    known_materials={pad: (young, poisson)},
     method="regularized",
     unknowns="young",
     poisson_ratio=poisson,
     grouping="label",
 )
-for name, expected in (("Mu", identified.mu), ("MuStd", identified.mu_std)):
+outcome = run(study)
+np.testing.assert_array_equal(convert.mesh_points(found), outcome.mesh.points)
+np.testing.assert_array_equal(convert.simplices(found), outcome.mesh.cells)
+measured = outcome.registration
+for name, values in (
+    ("Displacement", measured.displacements),
+    ("DisplacementInformation", measured.information),
+    ("Disagreement", measured.disagreement),
+):
+    for number, expected in enumerate(values, 1):
+        stored = convert.get_array(found.GetPointData(), f"{name}_{number}")
+        np.testing.assert_array_equal(stored, expected, err_msg=name)
+for name, quantity in QUANTITIES.items():
     values = convert.get_array(found.GetCellData(), name)
-    np.testing.assert_allclose(values, expected, rtol=1e-12, err_msg=name)
+    np.testing.assert_array_equal(values, getattr(outcome.result, quantity.field), err_msg=name)
+
+# ---- elastix itself answers here: a rough map tells which way the tissue went
+rough = ElastixNodalDisplacement(  # noqa: F405
+    Mesh=mesh,
+    RestImage=rest,
+    PushedImages=pushed[0],
+    ParameterFile="affine",
+    Backward=0,
+    Correlation=0,
+)
+moved = convert.get_array(servermanager.Fetch(rough).GetPointData(), "Displacement_1")  # noqa: F405
+assert (moved * outcome.displacements[0]).sum() > 0
 print("done")
