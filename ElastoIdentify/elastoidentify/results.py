@@ -97,5 +97,16 @@ ERRORS = tuple(
     )
     for one in VALUES
 )
-QUANTITIES = {one.array: one for one in (*VALUES, *ERRORS)}
+CHECKS = (
+    Quantity(
+        "ModelMisfit",
+        "model_misfit",
+        "model misfit",
+        "share of the local misfit that noise does not explain",
+        is_modulus=False,
+    ),
+)
+"""How well the model fits, 0 (as well as noise lets it) to 1; NaN where nothing tells."""
+
+QUANTITIES = {one.array: one for one in (*VALUES, *ERRORS, *CHECKS)}
 """Name of the cell array → quantity, values first."""

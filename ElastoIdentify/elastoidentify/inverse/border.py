@@ -121,6 +121,14 @@ class Frame:
         """Diagonal of the box around the mesh."""
         return float(np.linalg.norm(np.ptp(self.mesh.points, axis=0)))
 
+    def centres(self, points) -> np.ndarray:
+        """Return the mean of each cell's nodes in the coordinates of the points given."""
+        points = np.asarray(points, float)
+        found = np.empty((self.mesh.n_cells, points.shape[1]))
+        for _, nodes, ids in self._blocks:
+            found[ids] = points[nodes].mean(axis=1)
+        return found
+
     def close_seams(self, vectors: np.ndarray, labels=None, slip: Pairs = ()) -> None:
         """Let nodes at one place be one where they move as one; vectors (t, n_given, c).
 

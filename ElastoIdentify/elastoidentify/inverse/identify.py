@@ -25,6 +25,7 @@ from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
 from .methods import METHODS
+from .model_misfit import summary
 from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
 from .poisson import free as free_ratio
@@ -53,6 +54,7 @@ class IdentificationResult:
     mu_std: np.ndarray
     young_std: np.ndarray
     poisson_std: np.ndarray
+    model_misfit: np.ndarray  # share of the local misfit that noise does not explain; NaN: unknown
     status: np.ndarray  # codes of elastoidentify.results.Status
     sequence_order: np.ndarray
     residuals: np.ndarray  # (n_trials, n_nodes, dim of the points given)
@@ -187,6 +189,9 @@ def identify(
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
         "large_push": large_push, "contact": contact,
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
+        "model_misfit": estimate.misfit and summary(
+            problem.mesh, frame.centres(points), problem.unknowns.known, estimate.misfit
+        ),
     }  # fmt: skip
     result.report["verdict"] = judge(
         result.report, problem.noise.information is not None, one_direction(problem.displacements)
@@ -413,7 +418,11 @@ def _spread(estimate, keep):
 
     arrays = {name: spread(getattr(estimate, name), np.nan)
               for name in ("lam", "mu", "lam_errors", "mu_errors")}  # fmt: skip
-    return replace(estimate, **arrays, order=spread(estimate.order, -1))
+    misfit = estimate.misfit
+    if misfit is not None:
+        share, stress = spread(misfit.share, np.nan), spread(misfit.stress, np.nan)
+        misfit = replace(misfit, share=share, stress=stress)
+    return replace(estimate, **arrays, order=spread(estimate.order, -1), misfit=misfit)
 
 
 def _check_noise(problem, estimate):
@@ -535,8 +544,9 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
     warnings += _why_nothing(problem, status)
     counts = {one.name.lower(): int((status == one).sum()) for one in Status}
     report = {**estimate.report, "cells": counts, "typical_error": typical, "warnings": warnings}
+    misfit = np.full(len(mu), np.nan) if estimate.misfit is None else estimate.misfit.share
     result = IdentificationResult(
-        lam, mu, young, poisson, lam_std, mu_std, young_std, poisson_std, status, order,
+        lam, mu, young, poisson, lam_std, mu_std, young_std, poisson_std, misfit, status, order,
         residuals, report,
     )  # fmt: skip
     return result, errors

@@ -80,12 +80,16 @@ class DirectSystem:
             self._covariances[key] = o.root, (C + sp.diags(nearly_free)).tocsr()
         return self._covariances[key][1]
 
-    def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
-        """Take new matrices, after `refit`; the force rows get a unit diagonal of σ²S."""
+    def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float, extra=None):
+        """Take new matrices, after `refit`; the force rows get a unit diagonal of σ²S.
+
+        `extra` (n_free, n_free) is added to σ²S: the covariance of forces that the law lacks.
+        """
         (self.observations,) = misfit.terms
         self.scale = scale
         rows, self.row_scale = [[P] + [None] * len(self.K)], []
         for t, S in enumerate(self.S):
+            S = S if extra is None else S + extra / scale**2
             s = sp.diags(1 / (scale * np.sqrt(S.diagonal())))
             R = s @ state.R_free[t]
             rows[0][t + 1] = R.T
@@ -107,14 +111,28 @@ class DirectSystem:
         """
         (v,) = numbers
         v = [o.by_eta.T @ part for o, part in zip(self.observations, v, strict=True)]
-        force = [-(s @ (K @ part)) for s, K, part in zip(self.row_scale, self.K, v, strict=True)]
-        found = self.solver.solve(np.concatenate([parameter_part, *force]))
-        dx, db, at = found[: len(parameter_part)], [], len(parameter_part)
-        for s, K, C, part in zip(self.row_scale, self.K, self.C, v, strict=True):
-            q = s @ found[at : at + self.n_free]
-            at += self.n_free
-            db.append((part - self.scale**2 * (C @ (K.T @ q)))[self.n_free :])
+        dx, q = self._solved(parameter_part, [K @ part for K, part in zip(self.K, v, strict=True)])
+        left = zip(v, self.C, self.K, q, strict=True)
+        db = [(part - self.scale**2 * (C @ (K.T @ one)))[self.n_free :] for part, C, K, one in left]
         return dx, db
+
+    def multipliers(self, parameter_part, numbers, forces=None) -> list[np.ndarray]:
+        """Return q (n_free, m) of each trial, see `solve`; `forces` (n_free, m) add to K v."""
+        (v,) = numbers
+        seen = zip(self.K, self.observations, v, strict=True)
+        load = [K @ (o.by_eta.T @ part) for K, o, part in seen]
+        if forces is not None:
+            load = [one + more for one, more in zip(load, forces, strict=True)]
+        return self._solved(parameter_part, load)[1]
+
+    def _solved(self, parameter_part, load):
+        """dx and q of each trial for the forces K v."""
+        force = [-(s @ one) for s, one in zip(self.row_scale, load, strict=True)]
+        found = self.solver.solve(np.concatenate([parameter_part, *force]))
+        n, parts = len(parameter_part), []
+        for t, s in enumerate(self.row_scale):
+            parts.append(s @ found[n + t * self.n_free :][: self.n_free])
+        return found[:n], parts
 
 
 class ReducedSystem:

@@ -35,6 +35,25 @@ class Problem:
         return conditions(self.mesh, self.reaction, self.sliding, self.labels, self.slip)
 
 
+@dataclass(frozen=True)
+class ModelMisfit:
+    """Where the model does not fit, see :mod:`.model_misfit`.
+
+    Attributes
+    ----------
+    share : (n_cells,)
+        Of the local misfit, unexplained by noise, 0 to 1.
+    stress : (n_cells,)
+        Size of the stress that the law lacks over the size of the law's stress.
+    scale : float
+        The noise scale beside it.
+    """
+
+    share: np.ndarray
+    stress: np.ndarray
+    scale: float
+
+
 @dataclass
 class Estimate:
     """What a method found. In plane stress λ stands for λ*.
@@ -49,6 +68,8 @@ class Estimate:
         Step of the sequential method, −1 otherwise.
     report : dict
     warnings : list of str
+    misfit : ModelMisfit, optional
+        Where the model does not fit; None where the method cannot tell.
     """
 
     lam: np.ndarray
@@ -58,6 +79,7 @@ class Estimate:
     order: np.ndarray
     report: dict = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    misfit: ModelMisfit | None = None
 
     @property
     def lam_std(self):

@@ -24,6 +24,7 @@ from ..progress import Progress, silent
 from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit
+from .model_misfit import model_misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
 from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
@@ -155,6 +156,7 @@ class _Fit:
         self._sharpening_stage()
         self._posterior()
         self._mesh_bias()
+        self._model_misfit()
         return self._estimate()
 
     def _variational_stage(self):
@@ -222,6 +224,15 @@ class _Fit:
         zero = np.zeros((self.parameters.n, 1))
         self.bias = self.system.solve(zero, numbers, tell=self.tell)[0][:, 0]
 
+    def _model_misfit(self):
+        """Tell where the model does not fit: last, as it takes other matrices."""
+        noise = self.problem.noise
+        self.unexplained = None
+        if not self.by_products:
+            stated = noise.scale if noise.information is None else 1.0
+            self.at = (0.99, "regularized: where the model does not fit")
+            self.unexplained = model_misfit(self, stated)
+
     def _sampled(self):
         """Samples of the error of x that the measurements leave."""
         if self.problem.noise.information is None:
@@ -269,7 +280,10 @@ class _Fit:
             "convergence": self.log,
         }
         warnings += far_warnings(ratios)
-        return Estimate(lam, mu, L @ errors, M @ errors, np.full(len(lam), -1), report, warnings)
+        order = np.full(len(lam), -1)
+        return Estimate(
+            lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained
+        )  # fmt: skip
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))

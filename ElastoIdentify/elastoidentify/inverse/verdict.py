@@ -12,6 +12,10 @@ border) 2.2 to 8.9.
 SAME_DIRECTION = 0.07
 """Second singular value of unit trials below which they count as one: an angle of some 5°."""
 
+SOME_MISFIT, MUCH_MISFIT = 0.08, 0.4
+"""Shares of the tissue that the model does not fit: of which chance makes less, and of which the
+rest of the map cannot be better."""
+
 TRUST, CARE, DISTRUST = "trust", "trust with care", "do not trust"
 
 
@@ -22,7 +26,7 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     ----------
     report : dict
         Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
-        typical_error, lost_trials, cut_nodes, large_push.
+        typical_error, lost_trials, cut_nodes, large_push, model_misfit.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -59,6 +63,9 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     typical = report.get("typical_error")
     if typical is not None and typical > 0.3:
         bad.append(f"the typical error of a cell is {typical:.0%}: the map is mostly noise")
+    local = report.get("model_misfit")
+    if local and local["share"] > SOME_MISFIT:
+        (bad if local["share"] > MUCH_MISFIT else doubtful).append(_where(local))
     if one_direction and report["grouping"] == "cell":
         doubtful.append(
             "all pushes have one direction, which cannot tell a stiff cell from the path of the "
@@ -71,6 +78,14 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     if report["lost_trials"]:
         doubtful.append("a trial was left out")
     return _said(bad, doubtful, factor)
+
+
+def _where(local) -> str:
+    place = ", ".join(f"{x:.3g}" for x in local["centre"])
+    return (
+        f"the model does not fit in {local['share']:.0%} of the tissue, most of all around "
+        f"({place}), where its stress is off by some {local['stress']:.0%} (ModelMisfit)"
+    )
 
 
 def noise_factor(report: dict, informed: bool) -> float | None:

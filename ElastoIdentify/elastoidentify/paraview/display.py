@@ -7,7 +7,7 @@ than the user's own.
 
 import json
 
-from ..results import ERRORS, VALUES, Status
+from ..results import CHECKS, ERRORS, VALUES, Status
 
 NOT_DETERMINED = [1.0, 0.55, 0.85]  # pink: in no perceptual map, and plain on any background
 STATUS_COLOURS = {
@@ -30,7 +30,11 @@ LABELS = [
 """Colours of labels from 0, told apart with any kind of colour vision; further ones are added."""
 
 REACTIONS = [("free", [0.80, 0.80, 0.80]), ("may be pushed", [0.80, 0.40, 0.10])]
-MAPS = {"Viridis (matplotlib)": VALUES, "Inferno (matplotlib)": ERRORS}
+MAPS = {
+    "Viridis (matplotlib)": VALUES,
+    "Inferno (matplotlib)": ERRORS,
+    "Plasma (matplotlib)": CHECKS,
+}
 _PRIORITY = 0.5  # the user's settings have more, ParaView's defaults less
 
 
