@@ -32,7 +32,7 @@ from ..fem.mesh import Mesh
 from .equilibrium import Equilibrium
 from .problem import ModelMisfit
 
-FLAGGED = 0.15  # share from which a cell counts: chance takes some 2 % of sound cells there
+FLAGGED = 0.1  # share from which a cell counts: chance takes some 4 % of sound cells there
 STEPS, SAMPLES = 6, 16
 START = 0.1  # of what the noise lets see
 REACH = 3.0  # radius, in cell sizes, over which the evidence of neighbours is taken together
