@@ -12,7 +12,7 @@ border) 2.2 to 8.9.
 SAME_DIRECTION = 0.07
 """Second singular value of unit trials below which they count as one: an angle of some 5°."""
 
-SOME_MISFIT, MUCH_MISFIT = 0.08, 0.4
+SOME_MISFIT, MUCH_MISFIT = 0.15, 0.4
 """Shares of the tissue that the model does not fit: of which chance makes less, and of which the
 rest of the map cannot be better."""
 
