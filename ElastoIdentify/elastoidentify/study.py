@@ -261,6 +261,26 @@ class IdentificationOptions(Table):
         group="Materials",
         metavar="STD",
     )
+    out_of_plane = Rows(
+        "Stretch",
+        "Stretch of each trial across the imaged plane, its length ratio less 1, in the trials' "
+        "order, or one for all; none: plane strain. For planar meshes.",
+        ["stretch"],
+        group="Materials",
+        advanced=True,
+        metavar="STRETCH",
+    )
+    out_of_plane_std = Number(
+        0.0,
+        "Standard deviation of that stretch: it is then estimated together with the map, one per "
+        "trial (0.01 if in doubt). 0: it is exactly as given.",
+        minimum=0.0,
+        maximum=0.1,
+        own_choice=0.0,
+        group="Materials",
+        advanced=True,
+        metavar="STD",
+    )
     grouping = Choice(
         "cell",
         "One unknown material per cell, or one per label.",

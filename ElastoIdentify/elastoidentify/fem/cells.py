@@ -12,6 +12,8 @@ Hughes' B-bar; for simplices see Bonet and Burton, Commun. Numer. Meth. Engng. 1
 over nodes).
 """
 
+from copy import copy
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -26,7 +28,15 @@ from .constitutive import Kinematics
 from .mesh import Mesh
 
 
-class LinearCells:
+class _Cells:
+    def stretched(self, e: float):
+        """Return the cells in a plane that is stretched across, F₃₃ = 1 + e."""
+        other = copy(self)
+        other.law = self.law.stretched(e)
+        return other
+
+
+class LinearCells(_Cells):
     """Plain isoparametric cells with full Gauss rules."""
 
     name = "linear"
@@ -46,8 +56,20 @@ class LinearCells:
         """Return K = ∂(Σ f)/∂u, (n_dofs, n_dofs), symmetric."""
         return tangent_stiffness(self.mesh, self.law, u, lam, mu)
 
+    def across_slope(self, u: np.ndarray, lam) -> np.ndarray:
+        """Return ∂(Σ f)/∂e for a stretch across the plane, (n_dofs,)."""
+        total = np.zeros(self.mesh.n_dofs)
+        for block in self.mesh.blocks:
+            H = block.gradient(u)
+            pressure = self.law.across_slope(self.law.dilatation(H)) * block.weights
+            slope = self.law.dilatation_slope(H)
+            forces = np.einsum("nq,nqij,nqaj->nai", pressure, slope, block.gradients)
+            forces *= lam[block.ids, None, None]
+            total += np.bincount(block.dofs.ravel(), forces.ravel(), self.mesh.n_dofs)
+        return total
 
-class LockingFreeCells:
+
+class LockingFreeCells(_Cells):
     """Cells whose dilatation is a mean over patches; same interface as :class:`LinearCells`.
 
     Parameters
@@ -100,6 +122,16 @@ class LockingFreeCells:
         per_point = pressure * weight / self.size  # of the dilatation's own curvature
         K = assemble(self.mesh, [self._cell_tangent(b, u, mu, per_point) for b in self.mesh.blocks])
         return (K + slope.T @ sp.diags(stiffness * weight) @ slope).tocsr()
+
+    def stretched(self, e):
+        if self.law.linear:
+            self._rest()  # which all copies have in common
+        return super().stretched(e)
+
+    def across_slope(self, u, lam):
+        """Return ∂(Σ f)/∂e for a stretch across the plane, (n_dofs,)."""
+        mean, slope = self._dilatation(u)
+        return slope.T @ (self.law.across_slope(mean) * (self.volumes @ lam))
 
     def _shear_forces(self, block, u):
         stress = self.law.shear_stress(block.gradient(u))

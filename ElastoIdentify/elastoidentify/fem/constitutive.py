@@ -9,9 +9,11 @@ To add a law, add a small class to :data:`KINEMATICS`. Written in H, the laws ke
 small displacements. Formulas: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element
 Analysis (2008), chapter 6.
 
-In plane strain F has the third diagonal entry 1, which leaves all three laws in the plane.
+In plane strain F has the third diagonal entry 1, which leaves all three laws in the plane. With a
+stretch out of the plane (generalised plane strain, F₃₃ = 1 + e) it only adds a number to I.
 """
 
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -47,6 +49,12 @@ class Kinematics(Protocol):
     def volume_strain(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return p = g g′ and p′, for the energy ½ λ g(d)²: stress and stiffness against d."""
 
+    def stretched(self, e: float) -> "Kinematics":
+        """Return the law in a plane that is stretched across, F₃₃ = 1 + e."""
+
+    def across_slope(self, d: np.ndarray) -> np.ndarray:
+        """Return ∂p/∂e."""
+
 
 def _eye(H):
     return np.broadcast_to(np.eye(H.shape[-1]), H.shape)
@@ -76,6 +84,16 @@ def _spread(scalar, n):
 class _Law:
     """P_λ and its derivative from the dilatation, by the chain rule."""
 
+    across, across_by_e = 0.0, 1.0  # what F₃₃ = 1 + e adds to I, and its derivative by e
+
+    def stretched(self, e):
+        law = copy(self)
+        law.across, law.across_by_e = self._across(e)
+        return law
+
+    def across_slope(self, d):
+        return self.across_by_e * self._measure_slope(d)
+
     def stress(self, H):
         with np.errstate(divide="ignore", invalid="ignore"):
             pressure, _ = self.volume_strain(self.dilatation(H))
@@ -95,7 +113,10 @@ class _TraceMeasure(_Law):
     """I = d, a trace."""
 
     def volume_strain(self, d):
-        return d, np.ones_like(d)
+        return d + self.across, np.ones_like(d)
+
+    def _measure_slope(self, d):
+        return np.ones_like(d)
 
 
 class SmallStrain(_TraceMeasure):
@@ -112,6 +133,9 @@ class SmallStrain(_TraceMeasure):
         return np.einsum("...ik,...jl->...ijkl", eye, eye) + np.einsum(
             "...il,...jk->...ijkl", eye, eye
         )
+
+    def _across(self, e):
+        return e, 1.0
 
     def dilatation(self, H):
         return _trace(H)
@@ -141,6 +165,9 @@ class StVenantKirchhoff(_TraceMeasure):
             + np.einsum("...il,...kj->...ijkl", F, F)
             + np.einsum("...ik,...jl->...ijkl", FFt, eye)
         )
+
+    def _across(self, e):
+        return e + e**2 / 2, 1.0 + e
 
     def dilatation(self, H):
         return _trace(_green(H))
@@ -187,8 +214,14 @@ class NeoHookean(_Law):
 
     def volume_strain(self, d):
         with np.errstate(divide="ignore", invalid="ignore"):
-            log = np.log1p(d)
+            log = np.log1p(d) + self.across
             return log / (1 + d), (1 - log) / (1 + d) ** 2
+
+    def _measure_slope(self, d):
+        return 1 / (1 + d)
+
+    def _across(self, e):
+        return np.log1p(e), 1 / (1 + e)
 
     @staticmethod
     def _inverse_t(H):

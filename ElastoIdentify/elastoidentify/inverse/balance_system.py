@@ -25,6 +25,8 @@ class BalanceSystem:
         Nodes where an outside body may push: no equation.
     contact : Conditions, optional
         Instead of `reaction`, which it holds: nodes may slide, too.
+    laws : list of Kinematics, optional
+        Of each trial, where they differ from `law` by a stretch out of the plane.
 
     Attributes
     ----------
@@ -43,9 +45,11 @@ class BalanceSystem:
         unknowns: Unknowns,
         reaction: np.ndarray,
         contact: Conditions | None = None,
+        laws: list[Kinematics] | None = None,
     ):
         self.mesh, self.law, self.unknowns = mesh, law, unknowns
         self.displacements, self.reaction = displacements, reaction
+        self.laws = laws or [law] * len(displacements)
         self.conditions = contact or conditions(mesh, reaction)
         self.n_trials = len(displacements)
         self.node_cells = (self.conditions.members @ mesh.node_cells).tocsr()
@@ -65,8 +69,8 @@ class BalanceSystem:
 
     def _assemble(self, displacements):
         blocks, right = [], []
-        for u in displacements:
-            per_lam, per_mu = force_matrices(self.mesh, self.law, u)
+        for u, law in zip(displacements, self.laws, strict=True):
+            per_lam, per_mu = force_matrices(self.mesh, law, u)
             known = per_lam @ self.unknowns.lam_known + per_mu @ self.unknowns.mu_known
             unknown = (per_lam @ self.unknowns.lam + per_mu @ self.unknowns.mu).tocsr()
             blocks.append(self.rows @ unknown)
@@ -109,7 +113,8 @@ class BalanceSystem:
         """
         lam, mu = self.unknowns.moduli(theta)
         trials = self.displacements[:1] if self.law.linear else self.displacements
-        K = [self.rows @ tangent_stiffness(self.mesh, self.law, u, lam, mu) for u in trials]
+        pairs = zip(trials, self.laws, strict=False)
+        K = [self.rows @ tangent_stiffness(self.mesh, law, u, lam, mu) for u, law in pairs]
         return K * self.n_trials if self.law.linear else K
 
     def force_errors(self, theta: np.ndarray, errors: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from ..fem.contact import Pairs, on_two_sides, touching
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..study import check_material
+from .out_of_plane import Stretch
 
 NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
@@ -23,6 +24,7 @@ SMOOTHER = 0.3  # in the reverse order: then it is hardly by chance
 FEW_NODES = 20
 SLIDES = 2  # mark of a reaction node on which an outside body slides
 FARTHEST = 1e15  # sizes of the mesh that displacements may reach; beyond, digits are lost
+MOST_STRETCH, WIDEST_STRETCH = 0.5, 0.1  # out of the plane, and its standard deviation
 SMALL_PUSH = 1e-4  # of the mesh's size
 
 
@@ -385,6 +387,40 @@ def reaction_nodes(given, n_nodes: int) -> np.ndarray:
             f"node {missing[0]}: give 1 where an outside body may push and 0 elsewhere"
         )
     return np.where(values == SLIDES, SLIDES, values != 0).astype(int)
+
+
+def stretches(given, std, n_trials: int, dim: int, plane: str, method: str) -> Stretch | None:
+    """Return what is known of the stretch out of the plane; None where there is none."""
+    values, std = np.atleast_1d(numbers(given, "the stretch out of the plane")).ravel(), std or 0.0
+    if not (values.any() or std):
+        return None
+    if dim != 2 or plane != "strain":
+        raise InputError(
+            "a stretch out of the plane was given, and this is no planar mesh in plane strain: "
+            "leave it out"
+        )
+    if not (np.isfinite(values) & (np.abs(values) < MOST_STRETCH)).all():
+        raise InputError(
+            f"the stretch out of the plane is a length ratio less 1, like 0.005 for 0.5 %, smaller "
+            f"than {MOST_STRETCH:g}"
+        )
+    if len(values) not in (0, 1, n_trials):
+        raise InputError(
+            f"{len(values)} stretches out of the plane for {n_trials} trials: give one per trial, "
+            "in their order, or one for all"
+        )
+    if not 0 <= std <= WIDEST_STRETCH:
+        raise InputError(
+            f"the standard deviation of the stretch out of the plane is {std:g}, it must lie "
+            f"between 0 (exactly as given) and {WIDEST_STRETCH:g}"
+        )
+    if std and method in ("sequential", "global"):
+        raise InputError(
+            f"method '{method}' cannot estimate the stretch out of the plane together with the "
+            "map: choose method 'regularized', or a standard deviation of 0 (exactly as given)"
+        )
+    centre = np.resize(values if len(values) else [0.0], n_trials)
+    return Stretch(centre, float(std), 1 + np.arange(n_trials))
 
 
 # ---- what was measured

@@ -151,23 +151,40 @@ class Equilibrium:
         n = self.n_free
         if self.law.linear:
             state = self._linearise(x, eta.copy())
-            state.eta[:n] = state.factors[0].solve(-(state.couplings[0] @ eta[n:]))
+            load = state.couplings[0] @ eta[n:] + self._stretch_forces(x)
+            state.eta[:n] = state.factors[0].solve(-load)
             return state
         eta, K, factors = eta.copy(), [], []
         lam, mu = self._moduli(x)
+        cells = self._cells_of_trials(x)
         for t in range(eta.shape[1]):
-            eta[:, t], *last = self._balance(eta[:, t], lam, mu, tell)
+            eta[:, t], *last = self._balance(cells[t], eta[:, t], lam, mu, tell)
             K.append(last[0])
             factors.append(last[1])
         return State(x, eta, n, K, factors)
 
-    def _balance(self, eta, lam, mu, tell):
+    def _cells_of_trials(self, x):
+        """The cells of each trial, which differ where the trials are stretched across the plane."""
+        stretches = self.parameters.stretches(x)
+        if stretches is None:
+            return [self.cells] * self.data.shape[1]
+        return [self.cells.stretched(e) for e in stretches]
+
+    def _stretch_forces(self, x):
+        """Forces at rest of a linear law by the stretch, (n_free, n_trials), or 0."""
+        if self.parameters.stretches(x) is None:
+            return 0.0
+        rest, moduli = np.zeros((self.mesh.n_nodes, self.mesh.dim)), self._moduli(x)
+        forces = [cells.forces(rest, *moduli).ravel() for cells in self._cells_of_trials(x)]
+        return (self.Z.T @ np.stack(forces, axis=1))[: self.n_free]
+
+    def _balance(self, cells, eta, lam, mu, tell):
         """Newton's method for the free nodes of one trial: η, and its last K and factors."""
         for _ in range(NEWTON_STEPS):
             u = self.displacements(eta[:, None])[0]
-            K = self._stiffness(u, lam, mu)
+            K = self._stiffness(u, lam, mu, cells)
             factors = self._factorise(K)
-            force = self.Z.T @ self.cells.forces(u, lam, mu).ravel()
+            force = self.Z.T @ cells.forces(u, lam, mu).ravel()
             step = np.zeros(self.n_eta)
             step[: self.n_free] = factors.solve(-force[: self.n_free])
             new = self.without_inversion(eta, eta + step)
@@ -200,16 +217,22 @@ class Equilibrium:
         lam, mu = self.parameters.moduli(x)
         return lam[self.parent], mu[self.parent]
 
-    def _stiffness(self, u, lam, mu):
-        return (self.Z.T @ self.cells.tangent(u, lam, mu) @ self.Z).tocsr()
+    def _stiffness(self, u, lam, mu, cells=None):
+        return (self.Z.T @ (cells or self.cells).tangent(u, lam, mu) @ self.Z).tocsr()
 
     def add_slopes(self, state: State):
         """Give a state the derivatives of its forces by the parameters."""
         L, M = (part[self.parent] for part in self.parameters.slopes(state.x))
         state.R = []
-        for u in self.displacements(state.eta):
-            per_lam, per_mu = self.cells.force_matrices(u)
-            state.R.append((self.Z.T @ (per_lam @ L + per_mu @ M)).tocsr())
+        cells = self._cells_of_trials(state.x)
+        for t, u in enumerate(self.displacements(state.eta)):
+            per_lam, per_mu = cells[t].force_matrices(u)
+            R = self.Z.T @ (per_lam @ L + per_mu @ M)
+            column = self.parameters.stretch_column(t)
+            if column is not None:
+                lam, _ = self._moduli(state.x)
+                R = R + sp.csr_matrix(self.Z.T @ cells[t].across_slope(u, lam)[:, None]) @ column
+            state.R.append(R.tocsr())
         state.R_free = [R[: self.n_free].tocsr() for R in state.R]
 
     def _factorise(self, K):

@@ -82,6 +82,8 @@ def identify(
     unknowns: str = "lambda-mu",
     poisson_ratio: float | None = None,
     poisson_std: float | None = None,
+    out_of_plane: float | Sequence[float] = (),
+    out_of_plane_std: float | None = None,
     grouping: str = "cell",
     information: np.ndarray | None = None,
     noise: float | None = None,
@@ -122,6 +124,12 @@ def identify(
     poisson_std : float, optional
         Standard deviation of `poisson_ratio`: then ν is estimated with the map, one per label, by
         the regularized method. None or 0: ν is what it was said to be.
+    out_of_plane : sequence of float, optional
+        Stretch across the plane (length ratio − 1), one per trial, or one for all; for planar
+        meshes in plane strain, which is a stretch of 0.
+    out_of_plane_std : float, optional
+        Its standard deviation: then it is estimated with the map, one per trial, by the regularized
+        method. None or 0: it is what it was said to be.
     grouping : "cell", "label"
     information : (n_trials, n_nodes, d, d), optional
         Inverse covariance of the measured displacements (1/length²).
@@ -153,10 +161,16 @@ def identify(
         poisson_ratio=poisson_ratio, poisson_std=poisson_std, grouping=grouping, noise=noise,
         refine=refine, reference_label=reference_label, element=element,
     )  # fmt: skip
+    stretch = border.stretches(
+        out_of_plane, out_of_plane_std, len(u), frame.mesh.dim, plane, method
+    )
     metric = border.information(frame, information, len(u))
     lost = border.lost_trials(frame, metric, len(u))
     trials = 1 + np.flatnonzero(~lost)
     problem = _problem(frame, setting, u[~lost], None if metric is None else metric[~lost], trials)
+    if stretch is not None:
+        here = replace(stretch, centre=stretch.centre[~lost], trials=trials)
+        problem = replace(problem, stretch=here)
     labels, apart = setting.labels, _apart(problem)
     gradient = _typical_gradient(problem)
     large_push = bool(problem.law.linear and gradient > LARGE_GRADIENT)
@@ -227,6 +241,10 @@ def check_input(
         "method": "auto", "labels": None, "reaction_nodes": None, "outer_border": None, "slip": ()
     } | options  # fmt: skip
     frame = Frame(points, cells)
+    stretch = (options.pop(name, default)
+               for name, default in (("out_of_plane", ()), ("out_of_plane_std", None)))  # fmt: skip
+    plane, method = options.get("plane", "strain"), options["method"]
+    border.stretches(*stretch, n_trials, frame.mesh.dim, plane, method)
     setting = _setting(frame, known, **options)
     if not setting.reaction.any():
         raise InputError(
@@ -432,7 +450,7 @@ def _check_noise(problem, estimate):
         return []
     system = BalanceSystem(
         problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction,
-        problem.conditions,
+        problem.conditions, problem.laws(),
     )  # fmt: skip
     shown, equations = scale_from_known_cells(system, problem.noise)
     where = "the balance of forces among the known cells"
@@ -613,7 +631,10 @@ def _residuals(problem, estimate):
     there = problem.conditions
     unknown_here = there.members @ (mesh.node_cells @ missing.astype(float)) > 0
     residuals = np.stack(
-        [there.left(internal_forces(mesh, problem.law, u, lam, mu)) for u in problem.displacements]
+        [
+            there.left(internal_forces(mesh, law, u, lam, mu))
+            for u, law in zip(problem.displacements, problem.laws(estimate.stretches), strict=True)
+        ]
     )
     residuals[:, unknown_here & ~problem.reaction] = np.nan
     return residuals

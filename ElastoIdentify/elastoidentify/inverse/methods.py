@@ -18,7 +18,7 @@ MOST_LOST = 0.01  # share of the cells on its way that it may lose
 def _system(problem: Problem) -> BalanceSystem:
     return BalanceSystem(
         problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction,
-        problem.conditions,
+        problem.conditions, problem.laws(),
     )  # fmt: skip
 
 
@@ -84,6 +84,10 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     if problem.unknowns.ratio is not None:
         estimate = regularized(problem, progress)
         estimate.report["auto"] = "regularized: it alone estimates Poisson's ratio with the map"
+        return estimate
+    if problem.stretch is not None and problem.stretch.std:
+        estimate = regularized(problem, progress)
+        estimate.report["auto"] = "regularized: it alone estimates the stretch out of the plane"
         return estimate
     walked = sequential(problem, part(progress, 0, 0.2))
     cells = ~problem.unknowns.known & (walked.order >= 0)

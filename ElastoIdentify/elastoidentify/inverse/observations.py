@@ -110,8 +110,9 @@ def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> t
     lam, mu = unknowns.lam_known, unknowns.mu_known
     ratios = []
     for trial, u in enumerate(system.displacements):
-        force = rows @ internal_forces(mesh, system.law, u, lam, mu).ravel()
-        K = rows @ tangent_stiffness(mesh, system.law, u, lam, mu)
+        law = system.laws[trial]
+        force = rows @ internal_forces(mesh, law, u, lam, mu).ravel()
+        K = rows @ tangent_stiffness(mesh, law, u, lam, mu)
         C = block_diagonal(noise.covariances(trial))
         variance = np.asarray((K @ C).multiply(K).sum(axis=1)).ravel()
         ratios.append(force**2 / variance)

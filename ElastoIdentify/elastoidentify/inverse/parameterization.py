@@ -189,6 +189,16 @@ class LogParameters:
         """Return the prior terms of parameters beyond the fields."""
         return []
 
+    def stretches(self, x: np.ndarray) -> np.ndarray | None:
+        """Return the stretch out of the plane of each trial; None: there is none."""
+
+    def stretch_column(self, trial: int) -> sp.csr_matrix | None:
+        """Return the derivative of a trial's stretch by x, (1, n); None: it is no parameter."""
+
+    def stretches_found(self, x: np.ndarray, errors: np.ndarray) -> list[dict]:
+        """Return the stretches out of the plane that are given or parameters themselves."""
+        return []
+
     def ratios_found(self, x: np.ndarray, errors: np.ndarray) -> list[dict]:
         """Return Poisson's ratios that are parameters themselves."""
         return []

@@ -10,6 +10,7 @@ from ..fem.contact import Pairs
 from ..fem.mesh import Mesh
 from .conditions import Conditions, conditions
 from .observations import DisplacementNoise
+from .out_of_plane import Stretch
 from .parameterization import Unknowns
 
 
@@ -28,6 +29,16 @@ class Problem:
     labels: np.ndarray | None = None  # (n_cells,) int: cells of different labels are not averaged
     slip: Pairs = ()  # pairs of labels that slide on each other
     sliding: np.ndarray | None = None  # (n_nodes,) bool: reaction nodes that are pushed across only
+
+    stretch: Stretch | None = None  # out of the plane
+
+    def laws(self, stretches: np.ndarray | None = None) -> list[Kinematics]:
+        """Return the law of each trial, with the stretches out of the plane given or found."""
+        if stretches is None:
+            stretches = self.stretch and self.stretch.centre
+        if stretches is None:
+            return [self.law] * len(self.displacements)
+        return [self.law.stretched(e) for e in stretches]
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -70,6 +81,8 @@ class Estimate:
     warnings : list of str
     misfit : ModelMisfit, optional
         Where the model does not fit; None where the method cannot tell.
+    stretches : (n_trials,), optional
+        Found out of the plane.
     """
 
     lam: np.ndarray
@@ -80,6 +93,7 @@ class Estimate:
     report: dict = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     misfit: ModelMisfit | None = None
+    stretches: np.ndarray | None = None
 
     @property
     def lam_std(self):

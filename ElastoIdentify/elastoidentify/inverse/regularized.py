@@ -27,6 +27,7 @@ from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit
 from .model_misfit import model_misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
+from .out_of_plane import StretchParameters, warnings_of
 from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
@@ -65,6 +66,8 @@ class _Fit:
         self.problem, self.progress = problem, progress
         unknowns, mesh = problem.unknowns, problem.mesh
         self.parameters = parameters(unknowns, mesh.centres)
+        if problem.stretch is not None:
+            self.parameters = StretchParameters(self.parameters, problem.stretch)
         self.x = self.parameters.start.copy()
         self.refine = problem.refine or default_refinement(
             mesh.n_cells, _typical_poisson(unknowns), mesh.dim, unknowns.per_cell, problem.element
@@ -199,9 +202,7 @@ class _Fit:
             for self.variation.sharpening in way:
                 self._sharpen(len(kept), len(exponents))
                 if len(exponents) > 1:
-                    self.choices.append(
-                        {"exponent": self.variation.sharpening} | self._evidence()
-                    )
+                    self.choices.append({"exponent": self.variation.sharpening} | self._evidence())
                 kept.append((self.x, self.eta))
         if self.choices:
             best = min(range(len(kept)), key=lambda k: self.choices[k]["evidence"])
@@ -316,6 +317,7 @@ class _Fit:
             # either way: it is an estimate of the size, and the map is not corrected by it
             errors = errors + self.bias[:, None] * (-1.0) ** np.arange(errors.shape[1])
         ratios = self.parameters.ratios_found(self.x, errors)
+        stretches = self.parameters.stretches_found(self.x, errors)
         left = max(self.n_equations - self.effective, 0.05 * self.n_equations)
         weight = self.variation.field_weight if len(self.variation) else []
         report = {
@@ -336,12 +338,14 @@ class _Fit:
             "equations": self.n_equations,
             "parameters": self.parameters.n,
             "poisson": ratios,
+            "out_of_plane": stretches,
             "convergence": self.log,
         }
-        warnings += far_warnings(ratios)
+        warnings += far_warnings(ratios) + warnings_of(stretches)
         order = np.full(len(lam), -1)
         return Estimate(
-            lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained
+            lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained,
+            self.parameters.stretches(self.x),
         )  # fmt: skip
 
     def _floor(self, variance):
