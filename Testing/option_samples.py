@@ -9,6 +9,7 @@ SPECIAL = {
     "sliding_labels": (5,),
     "sliding_boxes": ((-5.0, 60.0, 0.0, 20.0),),
     "out_of_plane": (0.004, -0.002),
+    "out_of_plane_std": 0.02,
     "slip": ((1, 2), (1, 7)),
     "known_materials": ((1, 5000.0, 0.43), (7, 10.0, 0.3)),
     "parameter_file": "affine",

@@ -46,7 +46,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
             f"the displacements miss the balance of forces by {factor:.2g} times what their stated "
             "noise explains, so something that is assumed is not so: the pad may slip, the tissue "
             "may move out of the imaged plane, Poisson's ratio may be wrong, or something may push "
-            "at a border; try unknowns 'lambda-mu', another plane, reaction nodes at that border"
+            "at a border; try unknowns 'lambda-mu', slip, a stretch out of the plane "
+            "(out_of_plane_std 0.01), plane stress, or reaction nodes at that border"
         )
     cells = report["cells"]
     unknown = sum(cells.values()) - cells["known"]
