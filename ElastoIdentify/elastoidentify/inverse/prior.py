@@ -15,11 +15,10 @@ from ..fem.mesh import Mesh
 from .parameterization import LogParameters
 
 ANCHOR_STD = {"modulus": 3.0, "ratio": 1.5}  # natural logarithms, around the known material
-# exponents a of the reweighted prior, p(jump) ∝ |jump|^−a beyond the smoothing: of the sharpened map
-# by dimension (a closed surface has many more sides than a closed line, and each costs; one that
-# costs more than the data hold is not seen), of which evidence chooses, and of the posterior. Each
-# row begins at the first map, and each of its exponents where the one before ended
-SHARPENING, REWEIGHTING = {2: ((3.0,), (0.5, 1.5, 3.0)), 3: ((0.5,),)}, 3.0
+# exponents of the reweighted prior, p(jump) ∝ |jump|^−3 beyond the smoothing: of the sharpened map
+# by dimension (a closed surface has many more sides than a closed line, and each costs), and of the
+# posterior around it
+SHARPENING, REWEIGHTING = {2: 3.0, 3: 0.5}, 3.0
 SMOOTHING = 0.02  # jumps of log-moduli below this count as none
 
 
@@ -99,8 +98,7 @@ class TotalVariation:
         self.difference = sp.hstack([fields, beside], format="csr")
         self.size = np.tile(sizes / (sizes.mean() if m else 1.0), self.n_fields)
         self.field = np.repeat(np.arange(self.n_fields), m)
-        self.n_groups, self.sharpenings = n, SHARPENING[mesh.dim]
-        self.sharpening = self.sharpenings[0][0]
+        self.n_groups, self.sharpening = n, SHARPENING[mesh.dim]
         self.weights, self.field_weight = np.zeros(len(self.size)), np.zeros(self.n_fields)
 
     def __len__(self) -> int:

@@ -20,7 +20,6 @@ step puts around the sharpened map.
 
 import numpy as np
 
-from ..linalg.factor import Factoriser
 from ..progress import Progress, silent
 from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
@@ -189,71 +188,16 @@ class _Fit:
                 break
 
     def _sharpening_stage(self):
-        """Take the contrast loss of total variation away, with σ as found.
-
-        A strong prior may swallow what a weaker one leaves, and then all that is left is flat. So
-        there are several ways to sharpen, and among their maps the evidence decides.
-        """
-        self.choices, kept = [], []
-        ways = self.variation.sharpenings if len(self.variation) else ()
-        exponents, first = [one for way in ways for one in way], (self.x, self.eta)
-        for way in ways:
-            self.x, self.eta = first
-            for self.variation.sharpening in way:
-                self._sharpen(len(kept), len(exponents))
-                if len(exponents) > 1:
-                    self.choices.append({"exponent": self.variation.sharpening} | self._evidence())
-                kept.append((self.x, self.eta))
-        if self.choices:
-            best = min(range(len(kept)), key=lambda k: self.choices[k]["evidence"])
-            self.x, self.eta = kept[best]
-            self.variation.sharpening = exponents[best]
-            self.effective = self.choices[best]["effective_parameters"]
-        self.evaluate()
-
-    def _sharpen(self, number, of):
-        for iteration in range(SHARPENING_STEPS):
+        """Take the contrast loss of total variation away, with σ as found."""
+        for iteration in range(SHARPENING_STEPS if len(self.variation) else 0):
             self.evaluate()
             self.prior.reweighted(self.x)
             self.factorise()
             size = self.step()
-            done = number * SHARPENING_STEPS + iteration
-            self._record(done, of * SHARPENING_STEPS, 0.5, size)
+            self._record(iteration, SHARPENING_STEPS, 0.5, size)
             if size < SETTLED["sharpening"]:
                 break
-
-    def _evidence(self) -> dict:
-        """Return the misfit, the effective parameters and −2 log evidence of the present map.
-
-        Laplace's approximation to the marginal likelihood, to its leading order in the number of
-        equations n (Schwarz, Annals of Statistics 6, 1978): misfit + effective parameters · log n.
-        """
         self.evaluate()
-        self.prior.reweighted(self.x)
-        self.factorise()
-        effective, n = self._effective_parameters(), max(self.n_equations, 2)
-        misfit = self.misfit.value() / self.scale**2
-        return {
-            "misfit": misfit / n,
-            "effective_parameters": effective,
-            "evidence": misfit + effective * np.log(n),
-        }
-
-    def _effective_parameters(self) -> float:
-        """Return trace(1 − H⁻¹P) of the factorised system, from samples.
-
-        With P = B Bᵀ it is the mean of zᵀ Bᵀ (P⁻¹ − H⁻¹) B z: a matrix of that rank, whose trace
-        few samples tell, where trace(H⁻¹P) itself would scatter by √n.
-        """
-        P, root = self.prior.hessian(), self.prior.root()
-        force = root @ np.random.default_rng(0).standard_normal((root.shape[1], SAMPLES))
-        nothing = [
-            [np.zeros((len(o.residual), SAMPLES)) for o in term] for term in self.misfit.terms
-        ]
-        found = self.system.solve(force, nothing, tell=self.tell)[0]
-        free = Factoriser(self.parameters.places)(P).solve(force)
-        effective = float((force * (free - found)).sum(axis=0).mean())
-        return min(max(effective, 0.0), float(self.parameters.n))
 
     def _posterior(self):
         """Sample around the sharpened map: the variational posterior of the reweighted prior.
@@ -329,7 +273,6 @@ class _Fit:
             "effective_parameters": self.effective,
             "prior_weight": [float(w) for w in weight],
             "prior_rule": "variational Bayes of total variation, then reweighted",
-            "prior_choices": self.choices,
             "element": self.forward.element,
             "mesh_shift": shift,
             "refine": self.refine,
