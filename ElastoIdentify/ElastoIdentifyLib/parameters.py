@@ -3,7 +3,8 @@
 from typing import Annotated
 
 import qt
-from elastoidentify.options import Choice, File, Flag, Number, Option, Picture, Text
+from elastoidentify.errors import InputError
+from elastoidentify.options import Choice, File, Flag, Number, Option, Picture, Rows, Text
 from elastoidentify.study import STEPS
 from slicer.parameterNodeWrapper import Choice as OneOf
 from slicer.parameterNodeWrapper import WithinRange
@@ -39,7 +40,7 @@ def annotations(defaults: dict) -> dict:
     found = {}
     for name, option in options().items():
         start = option.default if option.form_start is None else option.form_start
-        defaults[field(name)] = start
+        defaults[field(name)] = in_field(option, start)
         found[field(name)] = _type(option)
     return found
 
@@ -49,7 +50,21 @@ def _type(option: Option):
         return Annotated[str, OneOf(list(option.choices))]
     if isinstance(option, Number):
         return Annotated[option.kind, WithinRange(*bounds(option))]
-    return {Flag: bool, File: str, Text: str}[type(option)]
+    return {Flag: bool, File: str, Text: str, Rows: str}[type(option)]
+
+
+def in_field(option: Option, value):
+    """Return a value as the parameter node holds it: rows of one number are words of a text."""
+    return " ".join(f"{one:g}" for one in value) if isinstance(option, Rows) else value
+
+
+def _from_field(option, value):
+    if not isinstance(option, Rows):
+        return value
+    try:
+        return tuple(float(word) for word in value.replace(",", " ").split())
+    except ValueError:
+        raise InputError(f"{label(option)}: {value!r} is no list of numbers") from None
 
 
 def bounds(option: Number) -> tuple:
@@ -61,7 +76,7 @@ def bounds(option: Number) -> tuple:
 
 def chosen(node) -> dict:
     """Return {name in the table: value} of a parameter node."""
-    return {name: getattr(node, field(name)) for name in options()}
+    return {k: _from_field(one, getattr(node, field(k))) for k, one in options().items()}
 
 
 # ---- widgets

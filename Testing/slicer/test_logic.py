@@ -556,7 +556,7 @@ def test_every_option_arrives_from_the_parameter_node_in_the_study(name):
     start = option.default if option.form_start is None else option.form_start
     start, other = ("kPa", "MPa") if name == "unit" else (start, option_samples.sample(option))
     assert plain == start  # Slicer's segments are given in kPa
-    setattr(node, parameters.field(name), other)
+    setattr(node, parameters.field(name), parameters.in_field(option, other))
     study = ElastoIdentifyLogic.request(node).study()
     assert getattr(study, name) == other != start
 

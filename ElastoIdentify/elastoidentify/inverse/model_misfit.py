@@ -34,6 +34,7 @@ from .problem import ModelMisfit
 
 FLAGGED = 0.1  # share from which a cell counts: chance takes some 4 % of sound cells there
 STEPS, SAMPLES = 6, 16
+MOST = 1e3  # times that a variance may grow in a step
 START = 0.1  # of what the noise lets see
 REACH = 3.0  # radius, in cell sizes, over which the evidence of neighbours is taken together
 
@@ -69,15 +70,18 @@ def model_misfit(fit, stated: float | None) -> ModelMisfit:
         q = _multipliers(fit, free, variance, scale)
         power = energies(q)
         expected = near @ power[:, 1:].mean(axis=1)
-        variance = variance * (near @ power[:, 0]) / np.where(expected > 0, expected, 1.0)
+        ratio = (near @ power[:, 0]) / np.where(expected > 0, expected, 1.0)
+        variance = variance * np.minimum(ratio, MOST)
         noise = sum(
             np.einsum("im,im->m", one, S @ one) for one, S in zip(q, fit.system.S, strict=True)
         )
-        scale = scale * np.sqrt(noise[0] / noise[1:].mean())
+        scale = scale * np.sqrt(noise[0] / noise[1:].mean()) if noise[1:].any() else scale
         scale = max(scale, stated or 0.0)
     variance[unseen] = 0.0
     law = ((G @ state.eta).reshape(mesh.n_cells, dim**2, -1) ** 2).sum(axis=(1, 2))
-    lacking = np.sqrt(components * variance / np.maximum(near @ law, np.finfo(float).tiny))
+    law = near @ law
+    strained = law > 1e-12 * law.max()
+    lacking = np.sqrt(components * variance / np.where(strained, law, np.inf))
     return ModelMisfit(variance / (variance + alone), lacking, float(scale))
 
 
