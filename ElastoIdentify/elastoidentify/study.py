@@ -305,7 +305,8 @@ class IdentificationOptions(Table):
     )
     plane = Choice(
         "strain",
-        "Plane strain (thick bodies) or plane stress (thin ones). For planar meshes.",
+        "Plane strain (thick bodies) or plane stress (thin ones; in finite strain neo-hookean with "
+        "Poisson's ratio given). For planar meshes.",
         ("strain", "stress"),
         group="Method",
         advanced=True,

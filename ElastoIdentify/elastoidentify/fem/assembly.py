@@ -28,7 +28,7 @@ def cell_forces(block: Block, law: Kinematics, u: np.ndarray) -> tuple[np.ndarra
         np.einsum("nq,nqij,nqaj->nai", block.weights, stress, block.gradients).reshape(
             len(block.ids), -1
         )
-        for stress in law.stress(block.gradient(u))
+        for stress in law.of(block.ids).stress(block.gradient(u))
     )
 
 
@@ -62,7 +62,7 @@ def tangent_stiffness(mesh: Mesh, law: Kinematics, u: np.ndarray, lam, mu) -> sp
     """Return K = ∂(Σ f)/∂u at displacement u (n_nodes, d). Shape (n_dofs, n_dofs)."""
     parts = []
     for block in mesh.blocks:
-        per_lam, per_mu = law.tangent(block.gradient(u))
+        per_lam, per_mu = law.of(block.ids).tangent(block.gradient(u))
         m = (slice(None), *(None,) * 5)
         tangent = lam[block.ids][m] * per_lam + mu[block.ids][m] * per_mu
         parts.append(integrate_tangent(block, tangent))

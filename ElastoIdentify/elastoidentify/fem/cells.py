@@ -88,12 +88,13 @@ class LockingFreeCells(_Cells):
         self.members = sp.csr_matrix((np.ones(mesh.n_cells), (patch, cells)), shape)
         self.volumes = sp.csr_matrix((mesh.volumes, (patch, cells)), shape)
         self.size = np.bincount(patch, mesh.volumes, n)
+        self.first = np.unique(patch, return_index=True)[1]  # cell of each patch: all are alike
         self._at_rest = None  # what a linear law needs only once
 
     def forces(self, u, lam, mu):
         """Return Σ f at every node, (n_nodes, d), for u (n_nodes, d)."""
         mean, slope = self._dilatation(u)
-        pressure, _ = self.law.volume_strain(mean)
+        pressure, _ = self.law.of(self.first).volume_strain(mean)
         shear = np.zeros(self.mesh.n_dofs)
         for block in self.mesh.blocks:
             forces = mu[block.ids, None] * self._shear_forces(block, u)
@@ -103,7 +104,7 @@ class LockingFreeCells(_Cells):
     def force_matrices(self, u):
         """Return A_λ, A_μ with forces A_λ λ + A_μ μ; λ of a cell acts at its whole patch."""
         mean, slope = self._dilatation(u)
-        pressure, _ = self.law.volume_strain(mean)
+        pressure, _ = self.law.of(self.first).volume_strain(mean)
         per_lam = slope.T @ sp.diags(pressure) @ self.volumes
         rows = [block.dofs.ravel() for block in self.mesh.blocks]
         cols = [np.repeat(block.ids, block.dofs.shape[1]) for block in self.mesh.blocks]
@@ -117,7 +118,7 @@ class LockingFreeCells(_Cells):
     def tangent(self, u, lam, mu):
         """Return K = ∂(Σ f)/∂u, (n_dofs, n_dofs), symmetric."""
         mean, slope = self._dilatation(u)
-        pressure, stiffness = self.law.volume_strain(mean)
+        pressure, stiffness = self.law.of(self.first).volume_strain(mean)
         weight = self.volumes @ lam
         per_point = pressure * weight / self.size  # of the dilatation's own curvature
         K = assemble(self.mesh, [self._cell_tangent(b, u, mu, per_point) for b in self.mesh.blocks])

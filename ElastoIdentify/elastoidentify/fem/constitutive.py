@@ -55,6 +55,9 @@ class Kinematics(Protocol):
     def across_slope(self, d: np.ndarray) -> np.ndarray:
         """Return ∂p/∂e."""
 
+    def of(self, cells: np.ndarray) -> "Kinematics":
+        """Return the law of some cells, (n,) int, where it differs from cell to cell."""
+
 
 def _eye(H):
     return np.broadcast_to(np.eye(H.shape[-1]), H.shape)
@@ -85,6 +88,9 @@ class _Law:
     """P_λ and its derivative from the dilatation, by the chain rule."""
 
     across, across_by_e = 0.0, 1.0  # what F₃₃ = 1 + e adds to I, and its derivative by e
+
+    def of(self, cells):
+        return self
 
     def stretched(self, e):
         law = copy(self)
@@ -226,6 +232,54 @@ class NeoHookean(_Law):
     @staticmethod
     def _inverse_t(H):
         return _transpose(np.linalg.inv(_eye(H) + H))
+
+
+class NeoHookeanPlaneStress(NeoHookean):
+    """The neo-Hookean law of a sheet that is free across, P₃₃ = 0, for λ* and μ.
+
+    The stretch s across follows from the change of area J = det F of the sheet,
+
+        μ(s² − 1) + λ ln(J s) = 0,        P = μ(F − s² F⁻ᵀ) = μ(F − F⁻ᵀ) + λ* p J F⁻ᵀ,
+
+    and depends on κ = λ/μ = 2ν/(1 − 2ν) alone: with ν given the forces are linear in E still. With
+    λ* = 2λμ/(λ + 2μ), which takes λ's place in plane stress, p = −(1/2 + 1/κ)(s² − 1)/J.
+
+    Parameters
+    ----------
+    poisson : (n_cells,)
+        ν of each cell.
+    """
+
+    NEWTON = 12  # from the small-strain stretch, on a convex function: digits double in each step
+    LEAST = 1e-9  # of κ: below, cork in effect
+
+    def __init__(self, poisson: np.ndarray):
+        ratio = 2 * np.asarray(poisson, float) / (1 - 2 * np.asarray(poisson, float))
+        self.ratio = np.where(np.abs(ratio) < self.LEAST, self.LEAST, ratio)
+
+    def of(self, cells):
+        law = copy(self)
+        law.ratio = self.ratio[cells]
+        return law
+
+    def log_stretch(self, d: np.ndarray) -> np.ndarray:
+        """Return ln s for J = 1 + d, (n, …) like d."""
+        kappa, log = self._ratio(d), np.log1p(d)
+        t = -kappa * log / (kappa + 2)
+        for _ in range(self.NEWTON):
+            square = np.exp(2 * t)
+            t = t - (np.expm1(2 * t) + kappa * (log + t)) / (2 * square + kappa)
+        return t
+
+    def volume_strain(self, d):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            kappa, t = self._ratio(d), self.log_stretch(d)
+            square, gain, factor = np.exp(2 * t), np.expm1(2 * t), -(1 / 2 + 1 / kappa)
+            slope = -2 * square * kappa / (2 * square + kappa) - gain
+            return factor * gain / (1 + d), factor * slope / (1 + d) ** 2
+
+    def _ratio(self, d):
+        return self.ratio.reshape(self.ratio.shape + (1,) * (np.ndim(d) - np.ndim(self.ratio)))
 
 
 KINEMATICS: dict[str, Kinematics] = {

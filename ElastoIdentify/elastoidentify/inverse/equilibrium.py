@@ -110,7 +110,7 @@ class Equilibrium:
 
     def _cells(self, element, refine, last):
         if element == "linear":
-            return LinearCells(self.mesh, self.law)
+            return LinearCells(self.mesh, self.law.of(self.parent))
         if refine == 1:
             unknowns, labels = self.problem.unknowns, self.problem.labels
             # labels are known to differ; single cells may be parts of one tissue
@@ -125,7 +125,7 @@ class Equilibrium:
                 if PATCH_SIZE[block.cell.name] == 1:
                     patch[block.ids] = last.max() + 1 + block.ids
             patch = np.unique(patch, return_inverse=True)[1].ravel()
-        return LockingFreeCells(self.mesh, self.law, patch)
+        return LockingFreeCells(self.mesh, self.law.of(self.parent), patch)
 
     def _refined_conditions(self, interpolation):
         problem, sliding = self.problem, None

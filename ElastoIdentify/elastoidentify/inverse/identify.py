@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 
 from ..errors import InputError
 from ..fem.assembly import internal_forces
-from ..fem.constitutive import KINEMATICS, Kinematics
+from ..fem.constitutive import KINEMATICS, Kinematics, NeoHookeanPlaneStress
 from ..fem.elastic_constants import (
     NEGLIGIBLE_LAMBDA,
     admissible,
@@ -287,10 +287,7 @@ def _setting(
     border.choice("element", element, ("locking-free", "linear"))
     plane_stress = plane == "stress" and mesh.dim == 2
     if plane_stress and kinematics != "small-strain":
-        raise InputError(
-            "plane stress is linear in the unknowns for small strain only: choose kinematics "
-            "'small-strain' or plane 'strain'"
-        )
+        _check_plane_stress(kinematics, unknowns, poisson_std)
     if unknowns == "young":
         if poisson_ratio is None:
             raise InputError("unknowns 'young' need Poisson's ratio of the unknown cells")
@@ -316,6 +313,9 @@ def _setting(
             return made
         return free_ratio(made, poisson_ratio, poisson_std, here, plane_stress)
 
+    law = KINEMATICS[kinematics]
+    if plane_stress and not law.linear:
+        law = NeoHookeanPlaneStress(np.where(np.isnan(poisson), poisson_ratio, poisson))
     marks = border.reaction_nodes(reaction_nodes, frame.n_given)
     reaction = frame.anywhere(marks != 0)
     sliding = reaction & ~frame.anywhere((marks != 0) & (marks != border.SLIDES))
@@ -326,9 +326,20 @@ def _setting(
         raise InputError(f"refine is {refine!r}, it must be 1, 4 or 16 sub-cells per cell")
     made = unknowns_of(np.full(mesh.n_cells, True))
     return _Setting(
-        KINEMATICS[kinematics], made, unknowns_of, reaction | cut, int(cut.sum()), labels, slip,
+        law, made, unknowns_of, reaction | cut, int(cut.sum()), labels, slip,
         sliding, noise, refine, element,
     )  # fmt: skip
+
+
+def _check_plane_stress(kinematics, unknowns, poisson_std):
+    """Refuse what would make the forces of a thin sheet no longer linear in the unknowns."""
+    if kinematics == "neo-hookean" and unknowns == "young" and not poisson_std:
+        return
+    raise InputError(
+        "plane stress is linear in the unknowns for small strain, and for 'neo-hookean' where "
+        "Poisson's ratio is given exactly (unknowns 'young', no standard deviation of it): choose "
+        "one of them, or plane 'strain'"
+    )
 
 
 def _check_poisson_std(std, unknowns, method):
@@ -414,6 +425,7 @@ def _without(problem, setting, apart):
     u, metric = problem.displacements[:, nodes], problem.noise.information
     return replace(
         problem,
+        law=problem.law.of(np.flatnonzero(keep)),
         mesh=Mesh(problem.mesh.points[nodes], blocks),
         displacements=u,
         unknowns=setting.make_unknowns(keep),
