@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import InputError
+from .fem.soundness import node_pieces
 from .imaging.meshing import LabelMesh, mesh_segmentation
 from .imaging.slices import slice_of_image, slice_with_points
 from .inverse.identify import IdentificationResult, check_input, identify
@@ -223,6 +224,8 @@ def measure(
     if cells.shape[1] == 3:
         rest, pushed, mask = _slices(rest, pushed, mask, points)
     chosen = keywords(options, RegistrationOptions)
+    if len(options.slip):
+        chosen["sides"] = node_pieces(len(points), cells)
     return register(
         rest,
         pushed,

@@ -36,8 +36,8 @@ def _check_slip(first: int, second: int) -> None:
         raise InputError(f"slip {first}:{second}: name two labels, which slide on each other")
 
 
-def _slip(doc: str) -> Rows:
-    """The one option that two steps share: the mesh is split, and then no shear is passed on."""
+def _slip(doc: str, **more) -> Rows:
+    """The one option that all steps share: the mesh is split, and then no shear is passed on."""
     return Rows(
         "SlipPair",
         doc,
@@ -47,6 +47,7 @@ def _slip(doc: str) -> Rows:
         group="Contact",
         flags=["--slip"],
         metavar="LABEL:LABEL",
+        **more,
     )
 
 
@@ -153,6 +154,11 @@ class RegistrationOptions(Table):
         group="Registration",
         advanced=True,
         metavar="IMAGE",
+    )
+    slip = _slip(
+        "Pairs of labels that slide on each other without friction: bodies that they separate are "
+        "registered each by itself. The mesh must have been made with them.",
+        keyword="",
     )
     reference = Choice(
         "rest",

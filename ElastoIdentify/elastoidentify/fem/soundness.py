@@ -127,6 +127,16 @@ def pieces(n_nodes: int, blocks: Blocks) -> tuple[int, np.ndarray]:
     return len(kept), part
 
 
+def node_pieces(n_nodes: int, cells: np.ndarray) -> np.ndarray:
+    """Return the number of the part of the mesh that each node belongs to, (n_nodes,).
+
+    Nodes without cells belong to the first part.
+    """
+    part = np.zeros(n_nodes, int)
+    part[cells] = pieces(n_nodes, [("cell", cells)])[1][:, None]
+    return part
+
+
 def overlaps(points: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, str] | None:
     """Return cells (c,) that cannot be parts of one body, and why; None when there are none.
 

@@ -17,7 +17,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ...errors import InputError
-from ...progress import Progress, silent
+from ...progress import Progress, part, silent
 from ...workers.elastix_client import ElastixProcess
 from ..image import Image
 from .cache import RegistrationCache, key_of
@@ -348,6 +348,7 @@ def register(
     reference: str = "rest",
     backward: bool = True,
     refine: bool = True,
+    sides: np.ndarray | None = None,
     reaction_nodes: np.ndarray | None = None,
     workers: int | None = None,
     cache: str | Path | None = None,
@@ -382,6 +383,10 @@ def register(
         Correct the displacements by one step of image correlation on the mesh, see
         :func:`~elastoidentify.imaging.registration.correlation.refine_displacement`: noisier,
         with less bias where the strain jumps.
+    sides : (n,) int, optional
+        Which of several bodies that slide on each other each node belongs to; no cell has nodes of
+        two. Each body is registered by itself, with samples from everywhere but the others, since
+        B-splines would smear the jump between them.
     reaction_nodes : (n,) bool, optional
         Nodes that an outside body touches (the mesher's ``reaction_nodes``). The strain ends there
         at once, which neither B-splines nor cells follow: their information says so.
@@ -441,6 +446,8 @@ def register(
     work = _Work(
         frame, frame.array(rest), points, cells, maps, mask_array, outside, refine, touched
     )
+    if sides is not None and len(np.unique(sides)) > 1:
+        work.sides = np.unique(sides, return_inverse=True)[1].ravel()
     work.cache = None if cache is None else RegistrationCache(cache)
     at_once = engines_for(len(frame.kept), len(trials), workers)
     with Engines(elastix) as engines:
@@ -490,6 +497,7 @@ class _Work:
         self.index, self.cells, self.outside = frame.index(points), cells, outside
         self.refine, self.touched, self.cache = refine, touched, None
         self.corners = simplices(cells, len(frame.kept))
+        self.sides = None
         self.located = voxels_in_cells(self.index, cells, rest.shape)
         self.inside = self.located[0]
         if len(self.inside) < 16:
@@ -566,8 +574,34 @@ class _Work:
         return np.where(self.outside[:, None], displacement, voxels * spacing)
 
     def _one(self, engines, fixed, moving, points, progress, warp=True):
-        """Register one pair. Returns T(points) and the warped image."""
+        """Register one pair, each body by itself. Returns T(points) and the warped image."""
         mask = self.mask if fixed is self.rest else None
+        if self.sides is None:
+            return self._pair(engines, fixed, moving, points, mask, progress, warp)
+        of_cell = self.sides[self.cells[:, 0]]
+        covered = [
+            voxels_in_cells(points / self.frame.spacing, self.cells[of_cell == side], fixed.shape)[
+                0
+            ]
+            for side in range(of_cell.max() + 1)
+        ]
+        reached, warped = points.copy(), None
+        for side, own in enumerate(covered):
+            seen = np.ones(fixed.shape, bool) if mask is None else mask.copy()
+            for other in covered[:side] + covered[side + 1 :]:
+                seen.ravel()[other] = False
+            found, image = self._pair(
+                engines, fixed, moving, points, seen, part(progress, side / len(covered),
+                (side + 1) / len(covered)), warp,
+            )  # fmt: skip
+            nodes = self.sides == side
+            reached[nodes] = found[nodes]
+            if warp:
+                warped = image.copy() if warped is None else warped
+                warped.ravel()[own] = image.ravel()[own]
+        return reached, warped
+
+    def _pair(self, engines, fixed, moving, points, mask, progress, warp):
         settings = self.frame.spacing, self.maps
 
         def answer():
