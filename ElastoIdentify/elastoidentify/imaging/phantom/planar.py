@@ -20,6 +20,7 @@ from ...progress import Progress, part, silent
 from ..image import Image
 from ..io import make_folder, write_image, write_whole
 from .push import Deformation, solve_pushes
+from .push_slip import slipping_at
 from .texture import sample_texture, speckle
 
 PAD, TISSUE, INCLUSION, INDENTER, FLOOR = "pad", "tissue", "inclusion", "indenter", "floor"
@@ -176,7 +177,8 @@ def make_phantom(
     direction: np.ndarray | None = None,
     kinematics: str = "small-strain",
     elements: int = 80,
-    solver: Callable = solve_pushes,
+    slip: bool = False,
+    solver: Callable | None = None,
     progress: Progress | None = None,
 ) -> Phantom:
     """Make a phantom: images of a block at rest and pushed, with all that is known about it.
@@ -215,7 +217,9 @@ def make_phantom(
         Of the push.
     elements : int
         Quadratic quadrilaterals across the block's width.
-    solver : callable
+    slip : bool
+        The pad slides on the tissue without friction instead of sticking to it.
+    solver : callable, optional
         ``solve_pushes`` of :mod:`.push`, or of :mod:`.push_quads`, which needs no scikit-fem.
     progress : callable, optional
 
@@ -240,6 +244,7 @@ def make_phantom(
         return young, np.full(np.shape(x), float(poisson))
 
     shifts = np.asarray(pushes, float) * frame.height
+    solver = solver or (slipping_at(pad) if slip else solve_pushes)
     deformations = solver(
         frame.width,
         frame.height,
@@ -285,6 +290,7 @@ def make_phantom(
             "seed": seed,
             "kinematics": kinematics,
             "elements": elements,
+            "slip": slip,
         },
     )
 
