@@ -112,8 +112,8 @@ def slab(
     return _case(parts, meshes, element, inside, hidden, pushes, contact)
 
 
-def block(n=6, *, stuck=False, pushes=((0, 0, -1.5), (0.8, 0, -1.1), (0, 0.8, -1.1))):
-    """n × n × n hexahedra with a ball in the tissue, in small strain."""
+def block(n=6, *, exact=False, pushes=((0, 0, -1.5), (0.8, 0, -1.1), (0, 0.8, -1.1))):
+    """n × n × n hexahedra with a ball in the tissue, in small strain; as :func:`slab`."""
     rows = max(round(PAD * n), 1)
     edge, centre, radius = (1 - rows / n) * SIDE, np.array([15.0, 15.0, 11.0]), 6.5
     parts, meshes, line = [], [], np.linspace(0, SIDE, n + 1)
@@ -123,13 +123,14 @@ def block(n=6, *, stuck=False, pushes=((0, 0, -1.5), (0.8, 0, -1.1), (0, 0.8, -1
         meshes.append(skfem.MeshHex.init_tensor(line, line, np.linspace(low, high, count + 1)))
 
     def inside(x):
-        return ((x - centre[:, None, None]) ** 2).sum(axis=0) < radius**2
+        at = x.mean(axis=2, keepdims=True) if exact else x
+        return ((at - centre[:, None, None]) ** 2).sum(axis=0) < radius**2 + 0 * x[0]
 
     def hidden(centres):
         return np.linalg.norm(centres - centre, axis=1) < radius
 
-    contact = (lambda x: np.full(np.shape(x), edge), "small-strain", stuck, "stuck")
-    element = skfem.ElementVector(skfem.ElementHex2())
+    contact = (lambda x: np.full(np.shape(x), edge), "small-strain", False, "stuck")
+    element = skfem.ElementVector(skfem.ElementHex1() if exact else skfem.ElementHex2())
     return _case(parts, meshes, element, inside, hidden, pushes, contact)
 
 
@@ -152,7 +153,8 @@ def _case(parts, meshes, element, inside, hidden, pushes, contact):
 
 class _Body:
     def __init__(self, mesh, element, inside, pad):
-        self.mesh, self.basis = mesh, skfem.Basis(mesh, element, intorder=4)
+        order = 3 if isinstance(element.elem, skfem.ElementHex1) else 4
+        self.mesh, self.basis = mesh, skfem.Basis(mesh, element, intorder=order)
         self.dim = mesh.dim()
         stiff = inside(np.asarray(self.basis.global_coordinates()))
         E = np.where(pad, E_PAD, E_TISSUE * np.where(stiff, CONTRAST, 1.0))
@@ -228,7 +230,7 @@ def _push(bodies, push, surface, kinematics, stuck, floor, steps=30):
     u[n[0] + on_top] = push[: tissue.dim]
     if len(push) > tissue.dim:
         tilt = push[-1] * (pad.places[:, 0] - SIDE / 2)
-        u[n[0] + on_top[:, 1]] += tilt[np.abs(pad.places[:, -1] - SIDE) < 1e-7]
+        u[n[0] + on_top[:, -1]] += tilt[np.abs(pad.places[:, -1] - SIDE) < 1e-7]
     contact = _Contact(bodies, surface, finite, stuck)
     for step in range(steps):
         # the first step is small strain, which takes the inside along with the indenter

@@ -5,6 +5,7 @@ import struct
 import numpy as np
 import pytest
 from elastoidentify.errors import InputError
+from elastoidentify.fem.contact import split_nodes
 from elastoidentify.vtk_io import checks, convert
 from elastoidentify.vtk_io.vtu import read_mesh, write_mesh
 from vtkmodules.vtkCommonCore import vtkFloatArray, vtkPoints, vtkStringArray
@@ -317,3 +318,19 @@ def test_the_table_that_we_write_opens_in_pandas(tmp_path):
     assert found["YoungModulus median"][0] == 5000.0
     assert np.isnan(found["YoungModulus median"][1])
     assert "a,b.nrrd" in found["provenance"][0]
+
+
+def test_two_labels_that_are_said_to_slide_keep_their_own_nodes():
+    whole = block()
+    points, [(kind, cells)] = convert.mesh_points(whole), convert.mesh_blocks(whole)[0]
+    labels = convert.get_array(whole.GetCellData(), "Label")
+    split, origin = split_nodes(cells, labels, [(1, 2)])
+    grid = convert.mesh_to_vtk(points[origin], [(kind, split)])
+    convert.set_array(grid.GetCellData(), "Label", labels)
+    u = convert.get_array(whole.GetPointData(), "Displacement_1")[origin]
+    convert.set_array(grid.GetPointData(), "Displacement_1", u)
+    kept, notes = checks.sound_mesh(grid, [(1, 2)])
+    assert kept.GetNumberOfPoints() == len(points) + 7 and not notes
+    mended, notes = checks.sound_mesh(grid)
+    assert "stored twice" in notes[0]
+    assert mended.GetNumberOfPoints() == len(points)

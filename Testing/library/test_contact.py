@@ -118,9 +118,21 @@ def test_a_floor_on_which_the_tissue_slides_asks_balance_along_it():
     assert result.report["equations"] > held.report["equations"]
 
 
+def test_exact_displacements_in_space_give_exact_moduli():
+    tilts = ((0, 0, -1.5), (1, 0, -1, 0.08), (0, 1, -1, -0.05), (0.5, 0.5, -1, 0.02))
+    case = slipping.block(4, exact=True, pushes=tilts)
+    case.cells = [("hexahedron", case.cells)]
+    result = found(case, method="global")
+    true = np.where(case.inside, slipping.CONTRAST, 1.0) * E_TISSUE
+    tissue = (case.labels == 2) & (result.status == 2)
+    assert tissue.sum() > 25
+    assert np.allclose(result.young[tissue], true[tissue], rtol=1e-6)
+
+
 # ---- independent data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface", [slipping.flat, slipping.arched])
 def test_a_hidden_lesion_under_a_sliding_pad_is_found(surface):
     case = slipping.slab(12, surface)

@@ -71,7 +71,8 @@ def _planar_phantom(arguments, progress):
     from ..imaging.phantom import Inclusion, make_phantom
     from ..imaging.phantom.texture import mni152_path, slice_of
 
-    wanted = _phantom_options(arguments, 2) | {"pixels": arguments.pixels or 208}
+    wanted = _phantom_options(arguments, 2)
+    wanted |= {"pixels": arguments.pixels or 208, "slip": arguments.slipping}
     if arguments.hidden:
         raise InputError("--hidden is for --3d: in a slice, leave the inclusion's label out")
     inclusions = [Inclusion()]
@@ -90,6 +91,8 @@ def _volume_phantom(arguments, progress):
     from ..imaging.phantom import Ball, make_phantom_volume
     from ..imaging.phantom.texture import mni152_path
 
+    if arguments.slipping:
+        raise InputError("--slipping is for slices: leave out --3d")
     wanted = _phantom_options(arguments, 3)
     wanted |= {"voxels": arguments.pixels or 48, "hidden": arguments.hidden}
     if arguments.inclusion is not None:
@@ -111,6 +114,7 @@ def run_command(phantom, folder: Path) -> str:
         f"--edge-length {_edge(phantom):.3g}",
         f"--known {pad}:E={material.young:g},nu={material.poisson:g}",
         *(f"--rigid {label}" for label in phantom.rigid_labels),
+        *(["--slip 1:2"] if phantom.parameters.get("slip") else []),
         f"--kinematics {phantom.parameters['kinematics']}",
         f"-o {folder / 'map.vtu'} --picture {folder / 'map.png'} --table {folder / 'map.csv'}",
     ]

@@ -362,6 +362,7 @@ def _phantom(parser) -> None:
         "height; one per trial (default 0,0.05 and 0.035,0.035; with --3d three of them)",
     )
     add("--3d", dest="volume", action="store_true", help="volumes with a ball instead of a slice")
+    add("--slipping", action="store_true", help="the pad slides on the tissue; without --3d")
     add("--hidden", action="store_true", help="the segmentation does not show the inclusions")
     add("--pad", type=float, default=0.25, help="thickness of the pad, share of the height")
     add("--tissue-young", type=float, default=3000.0, metavar="PA")
