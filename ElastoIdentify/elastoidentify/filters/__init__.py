@@ -23,11 +23,13 @@ from .base import Filter
 from .identification import LameIdentification
 from .meshing import SegmentationToMesh, SegmentationToTriangleMesh
 from .phantom import PushingPhantom
+from .reading import ImageFile
 from .registration import ElastixNodalDisplacement
 
 __all__ = [
     "ElastixNodalDisplacement",
     "Filter",
+    "ImageFile",
     "LameIdentification",
     "PushingPhantom",
     "SegmentationToMesh",

@@ -23,6 +23,7 @@ except ImportError:  # loaded by its path, the package not installed for ParaVie
 from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from elastoidentify import filters
+from elastoidentify.filters.reading import SUFFIXES
 from elastoidentify.paraview import display, failures, panel
 from elastoidentify.vtk_io.arrays import label_table
 
@@ -57,6 +58,31 @@ def form(*parts: str):
 )
 class PushingPhantom(filters.PushingPhantom):
     __doc__ = filters.PushingPhantom.__doc__
+
+
+_reader = (
+    panel.documentation(filters.ImageFile),
+    panel.settings(
+        filters.ImageFile, {"file_names": panel.file_names(filters.ImageFile.file_names)}
+    ),
+    panel.last_error(),
+)
+
+
+@smproxy.source(name="ElastoIdentifyImage", label="ElastoIdentify Image", support_reload=False)
+@smhint.xml(panel.opens("Images with orientation", extensions=SUFFIXES))
+@form(*_reader)
+class ElastoIdentifyImage(filters.ImageFile):
+    __doc__ = filters.ImageFile.__doc__
+
+
+@smproxy.source(
+    name="ElastoIdentifyDicomFolder", label="ElastoIdentify Dicom Folder", support_reload=False
+)
+@smhint.xml(panel.opens("DICOM folder", folders=True))
+@form(*_reader)
+class ElastoIdentifyDicomFolder(filters.ImageFile):  # a reader of folders opens nothing else
+    __doc__ = filters.ImageFile.__doc__
 
 
 @smproxy.filter(

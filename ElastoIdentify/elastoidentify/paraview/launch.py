@@ -1,9 +1,10 @@
 """``elastoidentify paraview``: start ParaView with the filters of ElastoIdentify in place.
 
 ParaView brings its own Python, numpy and VTK. So nothing of the environment that this runs in is
-handed over but the package itself (by a ``sitecustomize`` on PYTHONPATH) and, for registration, the
-path of an interpreter that has itk-elastix (ELASTOIDENTIFY_PYTHON), which runs in a process of its
-own. Further packages for ParaView's Python can be given in ELASTOIDENTIFY_PARAVIEW_SITE.
+handed over but the package itself (by a ``sitecustomize`` on PYTHONPATH) and, for registration and
+for files, the path of an interpreter that has the packages for them (ELASTOIDENTIFY_PYTHON), which
+runs in a process of its own. Further packages for ParaView's Python can be given in
+ELASTOIDENTIFY_PARAVIEW_SITE.
 """
 
 import importlib.util
@@ -36,6 +37,7 @@ ParaView is searched in PARAVIEW_HOME (its folder), then on PATH."""
 HERE = Path(__file__).resolve().parent
 SITE_VARIABLE = "ELASTOIDENTIFY_PARAVIEW_SITE"
 PYTHON_VARIABLE = "ELASTOIDENTIFY_PYTHON"
+LENT = ("itk", "SimpleITK")  # packages for which ParaView turns to the launcher's Python
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -90,7 +92,7 @@ def paraview_environment(start: Mapping[str, str]) -> dict[str, str]:
     environment = dict(start)
     _prepend(environment, "PYTHONPATH", [str(HERE / "shim"), *extra])
     _prepend(environment, "PV_PLUGIN_PATH", [str(HERE / "autoload")])
-    if PYTHON_VARIABLE not in environment and importlib.util.find_spec("itk"):
+    if PYTHON_VARIABLE not in environment and any(map(importlib.util.find_spec, LENT)):
         environment[PYTHON_VARIABLE] = sys.executable
     return environment
 

@@ -5,7 +5,7 @@ range, documentation) is declared with the filter's options and ports already, s
 here and never written twice.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
 from ..filters.base import Filter, Port
@@ -80,6 +80,29 @@ def array_selection(name: str, command: str, text: str, icon: str = "point") -> 
       {_text(text)}
       <Hints><ArraySelectionWidget icon_type="{icon}"/></Hints>
     </StringVectorProperty>"""
+
+
+def file_names(option: File) -> str:
+    """Return the property of a reader's files, which `File ▸ Open` fills."""
+    return f"""
+    <StringVectorProperty name="{option.title}" label="{_label(option.title)}"
+        command="Add{option.title.removesuffix("s")}" clean_command="Clear{option.title}"
+        repeat_command="1" number_of_elements="0" number_of_elements_per_command="1">
+      <FileListDomain name="files"/>
+      {_text(option.__doc__)}
+    </StringVectorProperty>
+    <DoubleVectorProperty name="TimestepValues" command="GetTimestepValues" information_only="1"
+        repeatable="1" si_class="vtkSITimeStepsProperty"/>"""
+
+
+def opens(description: str, *, extensions: Sequence[str] = (), folders: bool = False) -> str:
+    """Return the hint that puts a source among the readers of `File ▸ Open`."""
+    what = (
+        'is_directory="1" filename_patterns="*"'
+        if folders
+        else (f'extensions="{" ".join(extensions)}"')
+    )
+    return f'<ReaderFactory file_description="{description}" {what}/>'
 
 
 def last_error() -> str:

@@ -25,6 +25,7 @@ from pathlib import Path
 from ..errors import Cancelled, InputError
 from ..progress import Progress
 from .elastix_client import CLEAN_PATH, candidate_interpreters, worker_environment
+from .pickles import dump
 
 JOB, RESULT = "job.pickle", "result.pickle"
 _START = (
@@ -68,13 +69,13 @@ class BackgroundJob:
         self._folder = Path(tempfile.mkdtemp(prefix="elastoidentify-"))
         try:
             with open(self._folder / JOB, "wb") as file:
-                pickle.dump((function, arguments, keywords), file)
+                dump((function, arguments, keywords), file)
             self._process = subprocess.Popen(
-                [_interpreter(), "-c", _START, str(self._folder)],
+                [*self._command(), str(self._folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                env=_environment(),
+                env=self._environment(),
                 text=True,
                 encoding="utf-8",
                 errors="replace",
@@ -90,6 +91,17 @@ class BackgroundJob:
         for reader in self._readers:
             reader.daemon = True
             reader.start()
+
+    def _command(self) -> list[str]:
+        """Return the program, which gets the job's folder as its last argument."""
+        return [_interpreter(), "-c", _START]
+
+    def _environment(self) -> dict[str, str]:
+        """Return the environment of the process: the host's packages and this one."""
+        environment = worker_environment()
+        package = str(Path(__file__).resolve().parents[2])
+        paths = [package, environment.get("PYTHONPATH", "")]
+        return {**environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
     @staticmethod
     def _read(stream, take) -> None:
@@ -182,14 +194,6 @@ def _interpreter() -> str:
     return found
 
 
-def _environment() -> dict[str, str]:
-    """Return the environment of the process: the host's packages and this one."""
-    environment = worker_environment()
-    package = str(Path(__file__).resolve().parents[2])
-    paths = [package, environment.get("PYTHONPATH", "")]
-    return {**environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-
-
 # ---- the other end
 
 
@@ -208,7 +212,7 @@ def main(folder: Path) -> int:
         error = RuntimeError(f"{type(fault).__name__}: {fault}")
     part = folder / (RESULT + ".part")
     with open(part, "wb") as file:
-        pickle.dump((result, error), file)
+        dump((result, error), file)
     os.replace(part, folder / RESULT)
     return 0
 

@@ -13,18 +13,16 @@ folder, pad, young, poisson = sys.argv[1], int(sys.argv[2]), *map(float, sys.arg
 rigid, cache = sys.argv[5].split(","), sys.argv[6]
 
 
-def read(name):
-    return XMLImageDataReader(FileName=[f"{folder}/{name}.vti"])  # noqa: F405
-
-
 def image(proxy):
     return convert.image_from_vtk(servermanager.Fetch(proxy))  # noqa: F405
 
 
-segmentation, rest, pushed = read("segmentation"), read("rest"), [read("pushed1"), read("pushed2")]
+segmentation = ElastoIdentifyImage(FileNames=[f"{folder}/segmentation.nrrd"], Kind="segmentation")  # noqa: F405
+rest = OpenDataFile(f"{folder}/rest.nrrd")  # noqa: F405
+pushed = OpenDataFile([f"{folder}/pushed{n}.nrrd" for n in (1, 2)])  # noqa: F405  a push per step
 mesh = SegmentationToTriangleMesh(Input=segmentation, EdgeLength=15.0, RigidLabels=rigid)  # noqa: F405
 displacement = ElastixNodalDisplacement(  # noqa: F405
-    Mesh=mesh, RestImage=rest, PushedImages=pushed, Cache=cache
+    Mesh=mesh, RestImage=rest, PushedImages=[pushed], Cache=cache
 )
 stiffness = LameIdentification(  # noqa: F405
     Input=displacement,
@@ -38,10 +36,14 @@ SaveData(f"{folder}/stiffness.vtu", stiffness)  # noqa: F405
 found = servermanager.Fetch(stiffness)  # noqa: F405
 
 # ---- the same by the pipeline, on the same stored registrations
+pushes = []
+for step in (0.0, 1.0):
+    pushed.UpdatePipeline(step)
+    pushes.append(image(pushed))
 study = Study(
     segmentation=image(segmentation),
     rest=image(rest),
-    pushed=[image(proxy) for proxy in pushed],
+    pushed=pushes,
     cache=cache,
     edge_length=15.0,
     rigid_labels=[int(word) for word in rigid],
@@ -71,7 +73,8 @@ for name, quantity in QUANTITIES.items():
 rough = ElastixNodalDisplacement(  # noqa: F405
     Mesh=mesh,
     RestImage=rest,
-    PushedImages=pushed[0],
+    PushedImages=[pushed],
+    TimeStepsAsTrials=0,
     ParameterFile="affine",
     Backward=0,
     Correlation=0,

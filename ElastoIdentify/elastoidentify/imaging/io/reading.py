@@ -84,6 +84,41 @@ def read_segmentation(
     return scalar_image(voxels, path), {}
 
 
+def read_as(
+    path: str | os.PathLike, kind: str = "auto", *, series: str | None = None, frame=None
+) -> tuple[Image, dict[int, str], bool]:
+    """Read an image or a segmentation.
+
+    Parameters
+    ----------
+    path : path
+    kind : "image", "segmentation" or "auto"
+        auto: a segmentation where the file can be nothing else.
+    series, frame : optional
+        As for :func:`read_image`.
+
+    Returns
+    -------
+    image : Image
+    names : {label: name}
+    segmentation : bool
+        Whether it was read as one.
+    """
+    if kind == "segmentation" or (kind == "auto" and is_segmentation(path)):
+        return *read_segmentation(path, series=series), True
+    return read_image(path, series=series, frame=frame), {}, False
+
+
+def is_segmentation(path: str | os.PathLike) -> bool:
+    """Tell whether a file can be nothing but a segmentation, by its name or DICOM class."""
+    path = _existing(path)
+    if path.is_dir():
+        return False
+    if path.name.lower().endswith(".seg.nrrd"):
+        return True
+    return dicom.is_dicom(path) and dicom_segmentation.find(path) is not None
+
+
 def scalar_image(voxels: Voxels, path: Path) -> Image:
     """Return one value per voxel, or raise InputError where a file has several."""
     array = voxels.array

@@ -2,6 +2,8 @@
 
 from elastoidentify.paraview.ElastoIdentifyPlugin import (
     ElastixNodalDisplacement,
+    ElastoIdentifyDicomFolder,
+    ElastoIdentifyImage,
     LameIdentification,
     PushingPhantom,
     SegmentationToTriangleMesh,
@@ -11,6 +13,8 @@ from elastoidentify.paraview.ElastoIdentifyPlugin import (
 
 __all__ = [
     "ElastixNodalDisplacement",
+    "ElastoIdentifyDicomFolder",
+    "ElastoIdentifyImage",
     "LameIdentification",
     "PushingPhantom",
     "SegmentationToTriangleMesh",
