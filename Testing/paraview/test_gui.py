@@ -158,6 +158,7 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
         *changed({0: 1}),
         apply(),
         check(f"{INFORMATION}/cellCount", "text", 128),
+        check(f"{WINDOW}/variableToolbar/displayColor/Variables", "currentText", "Mu"),
     ]
     good, text = play(tmp_path, display, steps)
     assert good, text

@@ -72,6 +72,10 @@ def test_a_failure_can_be_caught_and_the_next_update_works(script):
     assert shown == [f"ERROR: {line}"]  # raised twice, shown once
 
 
+def test_colours_and_legend_of_a_map_are_right_without_the_users_help(script, display):
+    script("legends.py", DISPLAY=display)
+
+
 @pytest.mark.parametrize("suffix", [".pvsm", ".py"])
 def test_a_state_file_brings_back_every_property(script, tmp_path, suffix):
     state = tmp_path / f"state{suffix}"

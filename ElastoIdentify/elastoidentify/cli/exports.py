@@ -173,24 +173,15 @@ def deliver(arguments, grid, rest, source: str | None) -> None:
 
 
 def _write_dicom(arguments, result, rest, source):
-    from ..export.dicom import Person, write_dicom
-    from ..imaging.io.dicom import is_dicom
+    from ..export.delivery import write_dicom_of
+    from ..export.dicom import Person
 
     person = Person(getattr(arguments, "patient_id", ""), getattr(arguments, "patient_name", ""))
     quantity = getattr(arguments, "quantity", "Mu")
-
-    def write(files):
-        return write_dicom(
-            arguments.dicom, result, rest, quantity=quantity, rest_files=files, person=person
-        )
-
-    if not is_dicom(Path(source)):
-        return write([])
-    try:
-        return write([source])
-    except InputError as error:  # the map is worth more than its reference
-        print(f"note: the maps refer to a copy of the rest image: {error}")
-        return write([])
+    files, notes = write_dicom_of(arguments.dicom, result, rest, source, quantity, person)
+    for note in notes:
+        print(f"note: {note}")
+    return files
 
 
 def _wrote(files) -> None:

@@ -13,6 +13,7 @@ import contextlib
 import copy
 import difflib
 import re
+import time
 import warnings
 import weakref
 from dataclasses import dataclass
@@ -42,6 +43,9 @@ failure_listeners = []
 
 warning_listeners = []
 """Callables ``listener(filter, lines)`` that a host adds to learn of every run with warnings."""
+
+stop_askers = []
+"""Callables ``ask(began) -> bool`` that a host adds: whether to end a run that began then (s)."""
 
 WARNINGS = "Warnings"
 """Field data array with a warning per value, of all filters so far."""
@@ -91,13 +95,13 @@ class Filter(VTKPythonAlgorithmBase):
 
     def __init__(self, **settings):
         self._errors, self._warnings, self._depth = [], [], 0
-        self._refused = {}
+        self._refused, self._began = {}, 0.0
         self._step, self._earlier = 0, {}
         VTKPythonAlgorithmBase.__init__(
             self,
             nInputPorts=len(self.ports),
             nOutputPorts=len(self.output_types),
-            outputType=self.output_types[0],
+            outputType=next(iter(self.output_types), ""),
         )
         self.AddObserver("StartEvent", _run_starts)
         self.AddObserver("EndEvent", _run_ends)
@@ -191,7 +195,9 @@ class Filter(VTKPythonAlgorithmBase):
 
     def RequestUpdateExtent(self, request, inInfo, outInfo):
         """Ask the ports over time for the step whose turn it is."""
-        time_asked = outInfo.GetInformationObject(0).Has(_Pipeline.UPDATE_TIME_STEP())
+        time_asked = bool(self.output_types) and outInfo.GetInformationObject(0).Has(
+            _Pipeline.UPDATE_TIME_STEP()
+        )
         as_trials = getattr(self, "time_steps_as_trials", False)
         for info in self._infos_over_time(inInfo):
             last = info.Length(_Pipeline.TIME_STEPS()) - 1
@@ -215,7 +221,8 @@ class Filter(VTKPythonAlgorithmBase):
             request.Remove(_Pipeline.CONTINUE_EXECUTING())
             made = self.execute(*inputs, progress=self._report)
             made = made if isinstance(made, tuple) else (made,)
-            self._warn(made[0])
+            if made:
+                self._warn(made[0])
             for output, one in zip(outputs, made, strict=True):
                 output.ShallowCopy(one)
         except (Exception, KeyboardInterrupt) as error:
@@ -302,6 +309,8 @@ class Filter(VTKPythonAlgorithmBase):
         self.UpdateProgress(min(max(float(fraction), 0.0), 1.0))
         if self.GetAbortExecute() or (hasattr(self, "CheckAbort") and self.CheckAbort()):
             raise Cancelled(f"{self.GetClassName()} was cancelled")
+        if any(ask(self._began) for ask in stop_askers):
+            raise Cancelled(f"{self.GetClassName()} was stopped")
 
     # ---- warning
 
@@ -424,6 +433,7 @@ class _FailedBefore(Exception):
 def _run_starts(filter, event):
     """Forget the last run's failures and its cancel. A run over blocks holds one per block."""
     if filter._depth == 0:
+        filter._began = time.time()
         filter._errors.clear()
         filter._warnings.clear()
         if filter.GetAbortExecute():

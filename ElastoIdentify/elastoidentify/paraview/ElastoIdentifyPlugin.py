@@ -24,13 +24,15 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from elastoidentify import filters
 from elastoidentify.filters.reading import SUFFIXES
-from elastoidentify.paraview import display, failures, panel
+from elastoidentify.paraview import display, failures, legends, panel, stopping, writers
+from elastoidentify.results import QUANTITIES
 from elastoidentify.vtk_io.arrays import label_table
 
 paraview_plugin_name = "ElastoIdentify"
 paraview_plugin_version = elastoidentify.__version__
 failures.install()
 display.set_defaults()
+stopping.install()
 
 _ICON = Path(elastoidentify.__file__).parent / "paraview" / "icons" / "ElastoIdentify.png"
 in_menu = smhint.xml(f'<ShowInMenu category="ElastoIdentify" icon="{_ICON}"/>')
@@ -101,12 +103,15 @@ class ElastoIdentifyDicomFolder(filters.ImageFile):  # a reader of folders opens
     panel.settings(
         filters.SegmentationToTriangleMesh,
         {
+            "label_array": panel.array_name(
+                filters.SegmentationToTriangleMesh.label_array, "Input", "labels"
+            ),
             "rigid_labels": panel.array_selection(
                 "RigidLabels",
                 "GetRigidLabelSelection",
                 filters.SegmentationToTriangleMesh.rigid_labels.__doc__,
                 icon="cell",
-            )
+            ),
         },
     ),
     panel.last_error(),
@@ -142,6 +147,7 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
             'number_of_components="3"/>'
         },
     ),
+    panel.report(),
     panel.array_selection(
         "Displacements",
         "GetDisplacementArraySelection",
@@ -149,12 +155,76 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
     ),
     panel.settings(filters.LameIdentification),
     panel.last_error(),
+    panel.shown_ranges(),
 )
 class LameIdentification(filters.LameIdentification):
     __doc__ = filters.LameIdentification.__doc__
     output_types = ("vtkUnstructuredGrid", "vtkTable")
 
+    def __init__(self, **settings):
+        super().__init__(**settings)
+        legends.install()
+
     def execute(self, meshes, progress):
         """Return the mesh with the result arrays, and the table of labels."""
         grid = super().execute(meshes, progress)
         return grid, label_table(grid)
+
+    def GetReport(self):
+        """Return what the last run has to say, a line each; "" before the first one."""
+        meshes = display.leaves(self.GetOutputDataObject(0))
+        return "\n\n".join(filter(None, map(display.report, meshes)))
+
+    def GetShownRanges(self):
+        """Return from where to where colours should go, two numbers per array of results."""
+        meshes = display.leaves(self.GetOutputDataObject(0))
+        return [bound for array in QUANTITIES for bound in display.shown_range(meshes, array)]
+
+
+# ---- File ▸ Save Data
+
+
+def _written(filter_class):
+    """Return the XML of a writer."""
+    return (
+        panel.documentation(filter_class),
+        panel.inputs(filter_class),
+        panel.settings(filter_class, {"file_name": panel.target(filter_class.file_name)}),
+        panel.last_error(),
+    )
+
+
+@smproxy.writer(
+    name="NiftiMapWriter",
+    label="Nifti Map Writer",
+    extensions="nii.gz nii gz",
+    file_description="ElastoIdentify: maps as NIfTI",
+    support_reload=False,
+)
+@form(*_written(writers.NiftiWriter))
+class NiftiMapWriter(writers.NiftiWriter):
+    __doc__ = writers.NiftiWriter.__doc__
+
+
+@smproxy.writer(
+    name="DicomMapWriter",
+    label="Dicom Map Writer",
+    extensions="dcm",
+    file_description="ElastoIdentify: maps as DICOM, in a folder",
+    support_reload=False,
+)
+@form(*_written(writers.DicomWriter))
+class DicomMapWriter(writers.DicomWriter):
+    __doc__ = writers.DicomWriter.__doc__
+
+
+@smproxy.writer(
+    name="HtmlMapWriter",
+    label="Html Map Writer",
+    extensions="html",
+    file_description="ElastoIdentify: page with picture and figures",
+    support_reload=False,
+)
+@form(*_written(writers.HtmlWriter))
+class HtmlMapWriter(writers.HtmlWriter):
+    __doc__ = writers.HtmlWriter.__doc__

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import InputError
+from . import stopping
 
 PROGRAMS = {
     "gui": "paraview",
@@ -23,13 +24,15 @@ PROGRAMS = {
     "pvbatch": "pvbatch",
     "pvserver": "pvserver",
 }
-USAGE = """usage: elastoidentify paraview [gui|sample|pvpython|pvbatch|pvserver|env] [arguments]
+USAGE = """usage: elastoidentify paraview
+           [gui|sample|pvpython|pvbatch|pvserver|stop|env] [arguments]
 
   gui       the application (the default); "elastoidentify paraview mesh.vtu" opens a file
   sample    the application with a sample, its stiffness and uncertainty side by side
   pvpython  run a Python script
   pvbatch   run a Python script, also in parallel: mpirun -np 2 elastoidentify paraview pvbatch …
   pvserver  a server for a remote client
+  stop      end the runs that are under way in your ParaViews on this machine
   env       print the environment, to put it into ~/.profile for good
 
 ParaView is searched in PARAVIEW_HOME (its folder), then on PATH."""
@@ -46,8 +49,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments and arguments[0] in ("-h", "--help"):
         print(USAGE)
         return 0
-    words = (*PROGRAMS, "sample", "env")
+    words = (*PROGRAMS, "sample", "stop", "env")
     what = arguments.pop(0) if arguments and arguments[0] in words else "gui"
+    if what == "stop":
+        stopping.ask()
+        return 0
     if what == "sample":
         what, arguments = "gui", [f"--script={HERE / 'sample.py'}", *arguments]
     try:

@@ -5,11 +5,14 @@ range, documentation) is declared with the filter's options and ports already, s
 here and never written twice.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
 from ..filters.base import Filter, Port
 from ..options import Choice, File, Flag, Number, Option, Rows, Text, Vector, pascal
+
+IDLE = {"slice_index": ("SliceAxis", "none"), "refine": ("Method", "sequential")}
+"""Option → property and its value with which the option says nothing."""
 
 
 def documentation(filter_class: type[Filter]) -> str:
@@ -57,12 +60,35 @@ def outputs(*names: str) -> str:
 
 
 def settings(filter_class: type[Filter], special: Mapping[str, str] | None = None) -> str:
-    """Return a property per option, in order. `special`: option → XML to take instead."""
+    """Return a property per option, in order, under the headings of their groups.
+
+    `special`: option → XML to take instead.
+    """
     special = special or {}
-    return "".join(
+    options = filter_class.options()
+    properties = [
         special[name] if name in special else _PROPERTIES[_kind(option)](option)
-        for name, option in filter_class.options().items()
-    )
+        for name, option in options.items()
+    ]
+    return "".join([*properties, *_groups(options.values())])
+
+
+def _groups(options: Iterable[Option]) -> list[str]:
+    """Return a heading per group; one that has only options for the advanced hides with them."""
+    groups = {}
+    for option in options:
+        if option.group:
+            groups.setdefault(option.group, []).append(option)
+    return [
+        f"<PropertyGroup label={quoteattr(label)}{_visibility(members)}>"
+        + "".join(f'<Property name="{option.title}"/>' for option in members)
+        + "</PropertyGroup>"
+        for label, members in groups.items()
+    ]
+
+
+def _visibility(options: Iterable[Option]) -> str:
+    return ' panel_visibility="advanced"' if all(one.advanced for one in options) else ""
 
 
 def array_selection(name: str, command: str, text: str, icon: str = "point") -> str:
@@ -95,6 +121,16 @@ def file_names(option: File) -> str:
         repeatable="1" si_class="vtkSITimeStepsProperty"/>"""
 
 
+def target(option: File) -> str:
+    """Return the property of a writer's file, which `File ▸ Save Data` fills."""
+    return f"""
+    <StringVectorProperty name="{option.title}" command="Set{option.title}"
+        number_of_elements="1" default_values="" panel_visibility="never">
+      <FileListDomain name="files"/>
+      {_text(option.__doc__)}
+    </StringVectorProperty>"""
+
+
 def opens(description: str, *, extensions: Sequence[str] = (), folders: bool = False) -> str:
     """Return the hint that puts a source among the readers of `File ▸ Open`."""
     what = (
@@ -115,11 +151,44 @@ def last_error() -> str:
     </StringVectorProperty>"""
 
 
-def shown_if(property_name: str, value: str) -> str:
-    """Return the hint that hides a property unless another one has a value."""
+def shown_ranges() -> str:
+    """Return the property that tells the client how far each array's colours go."""
+    return """
+    <DoubleVectorProperty name="ShownRanges" command="GetShownRanges" information_only="1"
+        repeatable="1" panel_visibility="never"/>"""
+
+
+def report() -> str:
+    """Return the property that shows in the panel what the last run has to say."""
+    return """
+    <StringVectorProperty name="Report" command="GetReport" information_only="1"
+        number_of_elements="1" default_values="" panel_visibility="default">
+      <SimpleStringInformationHelper/>
+      <Documentation>How the last run was made, what it found, and how far to trust it.
+      </Documentation>
+      <Hints><Widget type="multi_line"/></Hints>
+    </StringVectorProperty>"""
+
+
+def array_name(option: Text, input_name: str, domain: str) -> str:
+    """Return a list of the input's arrays to choose from; "None" leaves the choice to the filter.
+
+    `domain`: the input's InputArrayDomain.
+    """
+    return f"""
+    <StringVectorProperty {_head(option)} number_of_elements="1" default_values="None">
+      <ArrayListDomain name="array_list" input_domain_name="{domain}" none_string="None">
+        <RequiredProperties><Property function="Input" name="{input_name}"/></RequiredProperties>
+      </ArrayListDomain>
+      {_text(option.__doc__)}
+    </StringVectorProperty>"""
+
+
+def shown_if(property_name: str, value: str, inverse: bool = False) -> str:
+    """Return the hint that hides a property unless another one has a value (`inverse`: has not)."""
     return (
         '<PropertyWidgetDecorator type="GenericDecorator" mode="visibility" '
-        f'property="{property_name}" value="{value}"/>'
+        f'property="{property_name}" value="{value}" inverse="{int(inverse)}"/>'
     )
 
 
@@ -130,6 +199,8 @@ def _number(option: Number) -> str:
     kind = "Int" if option.kind is int else "Double"
     start = option.default if option.form_start is None else option.form_start
     hints = shown_if(pascal(option.needs[0]), option.needs[1]) if option.needs else ""
+    if option.name in IDLE:
+        hints = shown_if(*IDLE[option.name], inverse=True)
     bounds = "".join(
         f' {name}="{bound:g}"'
         for name, bound in (("min", option.minimum), ("max", option.maximum))
@@ -225,8 +296,7 @@ def _head(option: Option) -> str:
 
 
 def _name(option: Option) -> str:
-    visibility = ' panel_visibility="advanced"' if option.advanced else ""
-    return f'name="{option.title}" label="{_label(option.title)}"{visibility}'
+    return f'name="{option.title}" label="{_label(option.title)}"{_visibility([option])}'
 
 
 def _label(title: str) -> str:

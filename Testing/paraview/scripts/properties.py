@@ -67,7 +67,16 @@ SETTINGS = {
         TimeStepsAsTrials=1,
     ),
 }
-NOT_SETTINGS = {"Input", "Mesh", "RestImage", "PushedImages", "Mask", "LastError"}
+NOT_SETTINGS = {
+    "Input",
+    "Mesh",
+    "RestImage",
+    "PushedImages",
+    "Mask",
+    "LastError",
+    "Report",
+    "ShownRanges",
+}
 
 
 def check(name, proxy):

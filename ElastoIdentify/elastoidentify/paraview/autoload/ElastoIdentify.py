@@ -1,10 +1,13 @@
 """What ParaView loads at start when this folder is on PV_PLUGIN_PATH (every file in it)."""
 
 from elastoidentify.paraview.ElastoIdentifyPlugin import (
+    DicomMapWriter,
     ElastixNodalDisplacement,
     ElastoIdentifyDicomFolder,
     ElastoIdentifyImage,
+    HtmlMapWriter,
     LameIdentification,
+    NiftiMapWriter,
     PushingPhantom,
     SegmentationToTriangleMesh,
     paraview_plugin_name,
@@ -12,10 +15,13 @@ from elastoidentify.paraview.ElastoIdentifyPlugin import (
 )
 
 __all__ = [
+    "DicomMapWriter",
     "ElastixNodalDisplacement",
     "ElastoIdentifyDicomFolder",
     "ElastoIdentifyImage",
+    "HtmlMapWriter",
     "LameIdentification",
+    "NiftiMapWriter",
     "PushingPhantom",
     "SegmentationToTriangleMesh",
     "paraview_plugin_name",
