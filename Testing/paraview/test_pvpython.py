@@ -3,7 +3,9 @@
 import socket
 import subprocess
 import sys
+import time
 
+import numpy as np
 import pytest
 from hosts import program
 from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
@@ -74,6 +76,68 @@ def test_a_failure_can_be_caught_and_the_next_update_works(script):
 
 def test_colours_and_legend_of_a_map_are_right_without_the_users_help(script, display):
     script("legends.py", DISPLAY=display)
+
+
+def test_maps_are_written_as_nifti_dicom_and_page_by_save_data(script, tmp_path):
+    """E = 5 kPa, ν = 0.43 everywhere but in the inclusion, which is three times as stiff."""
+    pydicom = pytest.importorskip("pydicom", reason="needs pydicom: pip install pydicom")
+    sitk = pytest.importorskip("SimpleITK", reason="needs SimpleITK: pip install SimpleITK")
+    lender = python_with("SimpleITK", "highdicom", "matplotlib")
+    rest = sitk.Image(44, 44, 1, sitk.sitkInt16)
+    rest.SetSpacing([0.5, 0.5, 2.0])
+    rest.SetOrigin([-0.75, -0.75, 0.0])
+    sitk.WriteImage(rest, str(tmp_path / "rest.nrrd"))
+    places = dict(ELASTOIDENTIFY_PARAVIEW_SITE="", ELASTOIDENTIFY_PYTHON=lender)
+    script("exporting.py", tmp_path, **places)
+
+    mu, labels = (sitk.ReadImage(str(tmp_path / f"case_{n}.nii.gz")) for n in ("mu", "label"))
+    assert mu.GetSpacing() == rest.GetSpacing() and mu.GetOrigin() == rest.GetOrigin()
+    mu, labels = map(sitk.GetArrayFromImage, (mu, labels))
+    for label, young in ((1, 5000), (2, 5000), (3, 15000)):
+        np.testing.assert_allclose(mu[labels == label], young / 2.86, rtol=1e-5)
+    assert (labels == 0).sum() == 44**2 - 40**2
+    data = pydicom.dcmread(tmp_path / "case" / "E.dcm")
+    values = np.frombuffer(data.FloatPixelData, np.float32)
+    assert data.PatientID == "P7" and np.isclose(np.nanmax(values), 15.0)  # kPa
+    assert "<h1>case</h1>" in (tmp_path / "case.html").read_text()
+    assert not list(tmp_path.glob("never*"))
+
+
+def python_with(*packages: str) -> str:
+    """A Python that has packages which ParaView's need not have."""
+    import importlib.util
+    import os
+
+    main = HERE.parents[1] / "build" / "environments" / "main" / "bin" / "python"
+    here = all(map(importlib.util.find_spec, packages))
+    python = os.environ.get("ELASTOIDENTIFY_PYTHON") or (sys.executable if here else str(main))
+    found = [python, "-c", f"import {', '.join(packages)}"]
+    if not os.path.exists(python) or subprocess.run(found, capture_output=True).returncode:
+        pytest.skip(f"no Python with {', '.join(packages)}: set ELASTOIDENTIFY_PYTHON to one")
+    return python
+
+
+def test_a_run_that_is_under_way_can_be_stopped(tmp_path):
+    program("pvpython")
+    run_until = {**environment(), "XDG_CACHE_HOME": str(tmp_path)}
+    long = subprocess.Popen(
+        [*LAUNCHER, "pvpython", HERE / "scripts" / "long_run.py"],
+        env=run_until,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    lines = iter(long.stdout)
+    try:
+        assert any("under way" in line for line in lines)
+        subprocess.run([*LAUNCHER, "stop"], env=run_until, check=True)
+        asked = time.monotonic()
+        rest = list(lines)
+        assert time.monotonic() - asked < 30
+    finally:
+        long.kill()
+        long.wait()
+    assert "ended: LameIdentification: LameIdentification was stopped" in "".join(rest), rest
 
 
 @pytest.mark.parametrize("suffix", [".pvsm", ".py"])
