@@ -1,10 +1,14 @@
 """The real application on a virtual display: menus, panel, table, Apply, and what comes out."""
 
+import functools
 import os
+import re
 import subprocess
 import time
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
 import pytest
 from hosts import program
 from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
@@ -38,11 +42,19 @@ def apply():
 
 
 def menu(name, entry):
+    category = "ElastoIdentify" if version() < (6, 0) else "Elasto Identify"
     return [
         event(f"{WINDOW}/menubar", "activate", name),
-        event(f"{WINDOW}/menubar/{name}", "activate", "ElastoIdentify"),
+        event(f"{WINDOW}/menubar/{name}", "activate", category),
         event(f"{WINDOW}/menubar/{name}/ElastoIdentify", "activate", entry),
     ]
+
+
+@functools.cache
+def version():
+    """ParaView's version, (major, minor)."""
+    said = subprocess.run([program("pvserver"), "--version"], capture_output=True, text=True)
+    return tuple(map(int, re.search(r"(\d+)\.(\d+)", said.stdout + said.stderr).groups()))
 
 
 def known_material(*row):
@@ -72,8 +84,11 @@ def rounded(expression):
     ]
 
 
-def play(tmp_path, display, steps, picture=None, extra=()):
-    """Play the steps; return whether they all succeeded, and what the application printed."""
+def play(tmp_path, display, steps, picture=None, extra=(), meanwhile=None):
+    """Play the steps; return whether they all succeeded, and what the application printed.
+
+    `meanwhile` is called every now and then.
+    """
     path, log = tmp_path / "steps.xml", tmp_path / "log.txt"
     path.write_text('<?xml version="1.0" ?><pqevents>' + "\n".join(steps) + "</pqevents>")
     program("paraview")
@@ -87,6 +102,8 @@ def play(tmp_path, display, steps, picture=None, extra=()):
         try:
             for _ in range(1200):
                 time.sleep(0.1)
+                if meanwhile:
+                    meanwhile()
                 text = log.read_text()
                 ended = "is finished. Success" in text or "critical: In event" in text
                 if ended or application.poll() is not None:
@@ -101,14 +118,14 @@ def play(tmp_path, display, steps, picture=None, extra=()):
     return alive and "Success =  true" in text, text
 
 
-def shoot(display, picture):
-    """Keep a picture of the display, without its empty border."""
+def shoot(display, picture, trim=True):
+    """Keep a picture of the display, without its empty border if `trim`."""
     picture.parent.mkdir(parents=True, exist_ok=True)
     command = [
         program("import"),
         "-window",
         "root",
-        "-trim",
+        *(["-trim"] if trim else []),
         str(picture),
     ]
     subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
@@ -169,9 +186,65 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
 
 
 @pytest.mark.slow
+def test_the_abort_button_ends_a_run_and_leaves_the_application_usable(tmp_path, display):
+    """From ParaView 6.1 on: the red cross beside the progress bar, clicked with the mouse."""
+    if version() < (6, 1):
+        pytest.skip("before 6.1 ParaView's window has no button to abort; see other_versions.sh")
+    steps = [
+        *menu("menuSources", "PushingPhantom"),
+        event(f"{FORM}/Shape/ComboBox", "set_string", "hexahedra"),
+        apply(),
+        *menu("menuFilters", "LameIdentification"),
+        event(f"{FORM}/Method/ComboBox", "set_string", "regularized"),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 0),
+        event(f"{FORM}/Method/ComboBox", "set_string", "global"),
+        apply(),
+        check(f"{INFORMATION}/cellCount", "text", 512),
+    ]
+    seen = []
+
+    def click_the_cross():
+        cross = red_cross(display, tmp_path / "now.png")
+        if cross and not seen:
+            seen.append(time.monotonic())
+            if folder := os.environ.get("ELASTOIDENTIFY_PICTURES"):
+                shoot(display, Path(folder) / "paraview-abort.png")
+            move = ["mousemove", *map(str, cross), "click", "1"]
+            subprocess.run(
+                [program("xdotool"), *move], env={**os.environ, "DISPLAY": display}, check=True
+            )
+
+    good, text = play(tmp_path, display, steps, meanwhile=click_the_cross)
+    assert seen and good, text
+    assert "Traceback" not in text, text
+
+
+def red_cross(display, path):
+    """Where the button to abort is on the screen, None while there is none."""
+    image = pytest.importorskip("PIL.Image", reason="needs Pillow: pip install pillow")
+    shoot(display, path, trim=False)
+    pixels = np.asarray(image.open(path).convert("RGB")).astype(int)
+    if not pixels.any():
+        return None
+    window = pixels[:, : np.flatnonzero(pixels.max(axis=(0, 2)))[-1] // 2]  # errors are right
+    rows, columns = np.nonzero((window[..., 0] > 180) & (window[..., 1:].max(axis=2) < 70))
+    if not len(rows):
+        return None
+    lowest = rows > rows.max() - 14  # the axes of the view are red too
+    rows, columns = rows[lowest], columns[lowest]
+    bottom = np.flatnonzero(pixels.max(axis=(1, 2)))[-1]
+    if len(rows) < 15 or np.ptp(columns) > 16 or rows.max() < bottom - 40:
+        return None
+    return int(columns.mean()), int(rows.mean())
+
+
+@pytest.mark.slow
 def test_pictures_for_the_manual(tmp_path, display):
-    """The manual's pictures. With ELASTOIDENTIFY_PICTURES=1 they are put into docs/pictures."""
-    folder = PICTURES if os.environ.get("ELASTOIDENTIFY_PICTURES") == "1" else tmp_path
+    """The manual's pictures. ELASTOIDENTIFY_PICTURES: where to put them, 1 is docs/pictures."""
+    wanted = os.environ.get("ELASTOIDENTIFY_PICTURES") or tmp_path
+    folder = PICTURES if wanted == "1" else Path(wanted)
+    folder.mkdir(parents=True, exist_ok=True)
     size = ["-geometry", "1400x880"]
     steps = [
         *menu("menuSources", "PushingPhantom"),

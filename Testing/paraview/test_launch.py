@@ -159,7 +159,7 @@ def test_cells_without_a_value_have_a_colour_of_their_own():
 @pytest.mark.parametrize("array", ["Label", "ReactionNodes", "Status"])
 def test_what_counts_kinds_is_shown_as_categories_with_a_colour_each(array):
     table = display.default_settings()["array_lookup_tables"][array]["PVLookupTable"]
-    assert table["InterpretValuesAsCategories"] == 1
+    assert table["IndexedLookup"] == 1
     values = table["Annotations"][::2]
     assert values == [str(n) for n in range(len(values))]
     assert len(table["IndexedColors"]) == 3 * len(values)

@@ -38,11 +38,9 @@ LABELS = [
 """Colours of labels from 0, told apart with any kind of colour vision; further ones are added."""
 
 REACTIONS = [("free", [0.80, 0.80, 0.80]), ("may be pushed", [0.80, 0.40, 0.10])]
-MAPS = {
-    "Viridis (matplotlib)": VALUES,
-    "Inferno (matplotlib)": ERRORS,
-    "Plasma (matplotlib)": CHECKS,
-}
+MAPS = {"Viridis": VALUES, "Inferno": ERRORS, "Plasma": CHECKS}
+"""Name of a colour map, in ParaView before 6 followed by "(matplotlib)" → quantities."""
+
 COLUMNS = 48  # of a report in the panel, which does not break lines
 SHARE = 1.0
 """Percent of the values left out at either end where they would take half of the colours."""
@@ -52,15 +50,19 @@ _PRIORITY = 0.5  # the user's settings have more, ParaView's defaults less
 
 def set_defaults():
     """Tell ParaView's client which colours to begin with."""
-    from paraview.modules.vtkRemotingServerManager import vtkSMSettings
+    from paraview.modules.vtkRemotingServerManager import vtkSMProxyManager, vtkSMSettings
 
-    settings = json.dumps(default_settings())
+    suffix = " (matplotlib)" if vtkSMProxyManager.GetVersionMajor() < 6 else ""
+    settings = json.dumps(default_settings(suffix))
     vtkSMSettings.GetInstance().AddCollectionFromString(settings, _PRIORITY)
 
 
-def default_settings() -> dict:
-    """Return the settings, as ParaView's settings file would hold them."""
-    presets = {one.array: name for name, quantities in MAPS.items() for one in quantities}
+def default_settings(suffix: str = "") -> dict:
+    """Return the settings, as ParaView's settings file would hold them.
+
+    `suffix`: of the names of colour maps.
+    """
+    presets = {one.array: name + suffix for name, many in MAPS.items() for one in many}
     tables = {array: {"PVLookupTable": {"NanColor": NOT_DETERMINED}} for array in presets}
     tables["Status"] = _categories(
         {int(one): (one.words, colour) for one, colour in STATUS_COLOURS.items()}
@@ -74,7 +76,8 @@ def _categories(values: dict) -> dict:
     """Return the colour table of value → (words, colour)."""
     return {
         "PVLookupTable": {
-            "InterpretValuesAsCategories": 1,
+            "IndexedLookup": 1,  # "Interpret Values As Categories" in the window
+            "ShowIndexedColorActiveValues": 1,
             "AnnotationsInitialized": 1,
             "Annotations": [part for n, (words, _) in values.items() for part in (str(n), words)],
             "IndexedColors": [part for _, colour in values.values() for part in colour],

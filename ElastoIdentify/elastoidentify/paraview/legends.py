@@ -113,7 +113,12 @@ def _new_colours(session, name, colours):
 
 
 def _stretch(array, colours):
-    colours.RescaleTransferFunction(*_known.ranges[array])
+    points = colours.GetProperty("RGBPoints")
+    (was, end), (low, high) = _range_of(colours), _known.ranges[array]
+    for n in range(0, points.GetNumberOfElements(), 4):
+        share = (points.GetElement(n) - was) / (end - was or 1.0)
+        points.SetElement(n, low + share * (high - low))
+    colours.UpdateVTKObjects()
     _known.given[array] = _range_of(colours)
 
 
