@@ -37,7 +37,11 @@ LABELS = [
 ]
 """Colours of labels from 0, told apart with any kind of colour vision; further ones are added."""
 
-REACTIONS = [("free", [0.80, 0.80, 0.80]), ("may be pushed", [0.80, 0.40, 0.10])]
+REACTIONS = [
+    ("free", [0.80, 0.80, 0.80]),
+    ("may be pushed", [0.80, 0.40, 0.10]),
+    ("along the normal only", [0.10, 0.45, 0.70]),
+]
 MAPS = {"Viridis": VALUES, "Inferno": ERRORS, "Plasma": CHECKS}
 """Name of a colour map, in ParaView before 6 followed by "(matplotlib)" → quantities."""
 
