@@ -31,7 +31,7 @@ def _unknowns(plane_stress=False, labels=(0, 5, 5, 7, 7)):
     known = np.arange(5) == 0
     young, nu = np.where(known, 2.0, np.nan), np.where(known, 0.3, np.nan)
     made = make_unknowns(young, nu, plane_stress=plane_stress, poisson_ratio=0.45)
-    return poisson.free(made, 0.45, 0.05, np.array(labels), plane_stress)
+    return poisson.free(made, 0.45, 0.05, np.array(labels))
 
 
 @pytest.mark.parametrize("value", [-0.999, -0.3, 0.0, 0.45, 0.499, 0.49999])
@@ -81,7 +81,7 @@ def test_known_cells_keep_their_ratio_and_without_labels_there_is_one():
     lam, mu = parameters.moduli(parameters.start + 1.0)
     assert (lam[0], mu[0]) == pytest.approx(lame_from_young(2.0, 0.3))
     assert unknowns.ratio.labels.tolist() == [5, 7]
-    alone = poisson.free(unknowns, 0.45, 0.05, None, False)
+    alone = poisson.free(unknowns, 0.45, 0.05, None)
     assert poisson.parameters(alone, np.zeros((5, 2))).n == 5
 
 

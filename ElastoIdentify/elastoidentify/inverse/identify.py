@@ -311,7 +311,7 @@ def _setting(
         )  # fmt: skip
         if not poisson_std:
             return made
-        return free_ratio(made, poisson_ratio, poisson_std, here, plane_stress)
+        return free_ratio(made, poisson_ratio, poisson_std, here)
 
     law = KINEMATICS[kinematics]
     if plane_stress and not law.linear:

@@ -21,15 +21,12 @@ class FreeRatio:
         Which label's ν each cell has, −1 for known cells.
     labels : (n_labels,) int
         Their names.
-    plane_stress : bool
-        λ stands for λ*.
     """
 
     centre: float
     std: float
     number: np.ndarray
     labels: np.ndarray
-    plane_stress: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,6 +48,8 @@ class Unknowns:
         Zero where not known.
     ratio : FreeRatio, optional
         Given where ν is unknown, too; L and M are those of its centre.
+    plane_stress : bool
+        λ stands for λ*.
     """
 
     group: np.ndarray
@@ -60,6 +59,7 @@ class Unknowns:
     lam_known: np.ndarray
     mu_known: np.ndarray
     ratio: FreeRatio | None = None
+    plane_stress: bool = False
 
     @property
     def n_groups(self) -> int:
@@ -142,7 +142,7 @@ def make_unknowns(
         sp.csr_matrix((np.full(len(cells), float(u)), (cells, column)), shape)
         for u, column in zip(unit, columns, strict=True)
     )
-    return Unknowns(group, per_group, lam, mu, lam_known, mu_known)
+    return Unknowns(group, per_group, lam, mu, lam_known, mu_known, plane_stress=plane_stress)
 
 
 def _lame(young, poisson, plane_stress):

@@ -26,9 +26,7 @@ BEND = 0.002  # w: where ν begins to feel its bounds
 FAR = 3.0  # widths of the prior from its centre that are worth a sentence
 
 
-def free(
-    unknowns: Unknowns, centre: float, std: float, labels: np.ndarray | None, plane_stress: bool
-) -> Unknowns:
+def free(unknowns: Unknowns, centre: float, std: float, labels: np.ndarray | None) -> Unknowns:
     """Return unknowns whose Poisson's ratio is one more unknown of every unknown label.
 
     Parameters
@@ -43,7 +41,7 @@ def free(
     number[cells] = 0
     if labels is not None:
         names, number[cells] = np.unique(labels[cells], return_inverse=True)
-    return replace(unknowns, ratio=FreeRatio(centre, std, number, names, plane_stress))
+    return replace(unknowns, ratio=FreeRatio(centre, std, number, names))
 
 
 def ratio(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,6 +58,13 @@ def unbent(poisson: float) -> float:
         return y + BEND * np.log(-np.expm1(-y / BEND))
 
     return float(inverse(1.5 - inverse(0.5 - poisson)) - 1)
+
+
+def of_unit_young(nu: np.ndarray, plane_stress: bool):
+    """Return (λ, μ) of E = 1, and their derivatives by ν; in plane stress λ* = ν/(1 − ν²)."""
+    mu, mu_slope = 1 / (2 * (1 + nu)), -1 / (2 * (1 + nu) ** 2)
+    below = (1 - nu) * (1 + nu) if plane_stress else (1 + nu) * (1 - 2 * nu)
+    return (nu / below, mu), ((1 + (1 if plane_stress else 2) * nu**2) / below**2, mu_slope)
 
 
 def parameters(unknowns: Unknowns, centres: np.ndarray) -> LogParameters:
@@ -95,7 +100,8 @@ class PoissonParameters(LogParameters):
         unknowns, cells = self.unknowns, self.cells
         lam, mu = unknowns.lam_known.copy(), unknowns.mu_known.copy()
         young = np.exp(x[unknowns.group[cells]])
-        (lam[cells], mu[cells]), _ = self._factors(self.ratios(x)[0][self.of_cell])
+        poisson = self.ratios(x)[0][self.of_cell]
+        (lam[cells], mu[cells]), _ = of_unit_young(poisson, unknowns.plane_stress)
         lam[cells] *= young
         mu[cells] *= young
         return lam, mu
@@ -103,6 +109,7 @@ class PoissonParameters(LogParameters):
     def slopes(self, x):
         cells, shape = self.cells, (len(self.unknowns.group), self.n)
         poisson, by_parameter = (part[self.of_cell] for part in self.ratios(x))
+        factors = of_unit_young(poisson, self.unknowns.plane_stress)
         group = self.unknowns.group[cells]
         young = np.exp(x[group])
         rows, columns = np.tile(cells, 2), np.concatenate([group, self.n_fields + self.of_cell])
@@ -111,19 +118,8 @@ class PoissonParameters(LogParameters):
                 (np.concatenate([young * unit, young * slope * by_parameter]), (rows, columns)),
                 shape,
             )
-            for unit, slope in zip(*self._factors(poisson), strict=True)
+            for unit, slope in zip(*factors, strict=True)
         )
-
-    def _factors(self, nu):
-        """λ and μ of E = 1, and their derivatives by ν; in plane stress λ* = Eν/(1 − ν²)."""
-        mu, mu_slope = 1 / (2 * (1 + nu)), -1 / (2 * (1 + nu) ** 2)
-        if self.unknowns.ratio.plane_stress:
-            below = (1 - nu) * (1 + nu)
-            lam, lam_slope = nu / below, (1 + nu**2) / below**2
-        else:
-            below = (1 + nu) * (1 - 2 * nu)
-            lam, lam_slope = nu / below, (1 + 2 * nu**2) / below**2
-        return (lam, mu), (lam_slope, mu_slope)
 
     def prior(self):
         """Return what is known of ν beforehand."""

@@ -30,6 +30,7 @@ from .out_of_plane import StretchParameters, warnings_of
 from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
+from .ratio_checks import ratio_checks, ratio_warnings
 
 VARIATIONAL_STEPS, SHARPENING_STEPS, POSTERIOR_STEPS = 20, 15, 2
 SETTLED = {"variational": 0.1, "sharpening": 0.05}  # largest change of a log-modulus in a step
@@ -158,8 +159,12 @@ class _Fit:
         self._variational_stage()
         self._sharpening_stage()
         self._posterior()
+        if not len(self.variation):  # else the system is that of the last samples
+            self.factorise()
         self._mesh_bias()
         self._model_misfit()
+        self.at = (0.99, "regularized: Poisson's ratios that were given")
+        self.checks = ratio_checks(self)
         return self._estimate()
 
     def _variational_stage(self):
@@ -216,13 +221,12 @@ class _Fit:
 
     def _mesh_bias(self):
         """Estimate the shift of x that the cells' own error makes, where that is affordable."""
-        self.bias = None
+        self.bias = self.gap = None
         self.at = (0.98, "regularized: error of the cells")
         gap = affordable(self.forward) and defect(self.forward, self.state, self.tell)
         if not gap or contradicted(gap, [one.residual for one in self.misfit.terms[0]]):
             return
-        if not len(self.variation):  # else the system is that of the last samples
-            self.factorise()
+        self.gap = gap
         numbers = [gap, *[[0 * o.residual[:, None] for o in t] for t in self.misfit.terms[1:]]]
         zero = np.zeros((self.parameters.n, 1))
         self.bias = self.system.solve(zero, numbers, tell=self.tell)[0][:, 0]
@@ -282,9 +286,10 @@ class _Fit:
             "parameters": self.parameters.n,
             "poisson": ratios,
             "out_of_plane": stretches,
+            "poisson_checks": self.checks,
             "convergence": self.log,
         }
-        warnings += far_warnings(ratios) + warnings_of(stretches)
+        warnings += far_warnings(ratios) + ratio_warnings(self.checks) + warnings_of(stretches)
         order = np.full(len(lam), -1)
         return Estimate(
             lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained,

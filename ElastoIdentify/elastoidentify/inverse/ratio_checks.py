@@ -1,0 +1,172 @@
+"""What the displacements say of every Poisson's ratio that was given: a free check of ν and plane.
+
+A pad of given E and ν that is pushed also shows its ν: by how much it grows sideways and loses
+area. So does the tissue. Raw strains do not tell, since a pad that sticks is not free to grow; the
+fit knows how it is held. With j the change of the computed displacements per ν of some cells,
+everything else as found, r the residuals and J the fit's own derivatives, ν + δ fits best with
+
+    δ = jᵀW r / jᵀW (j − J h),     h = (P + JᵀWJ)⁻¹ JᵀW j,     variance σ² / jᵀW (j − J h)
+
+and the cells' own error (:mod:`.mesh_bias`) added to it. This is one Gauss-Newton step of one more
+parameter (as in a score test: Rao, Proc. Camb. Philos. Soc. 44, 1948). Motion out of the imaged
+plane shows as a ν that the pad does not have.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..fem.elastic_constants import young_from_lame
+from .poisson import of_unit_young
+
+# shifts of ν that are worth a sentence, of known cells (the map feels it little) and of unknown ones
+NOTABLE = {True: 0.02, False: 0.01}
+CERTAIN = 4.0  # and how many standard deviations they must be
+
+
+def ratio_checks(fit) -> list[dict]:
+    """Return what the displacements say of each ν that the fit took as given.
+
+    Parameters
+    ----------
+    fit : a fit at its map, with a factorised system there
+
+    Returns
+    -------
+    list of dict
+        ``label``; ``known`` (its E was given, too); ``given``, ``shown``, ``std``: ν. Labels whose
+        ν cannot be told are left out.
+    """
+    rows = []
+    for label, known, cells in _given(fit.problem):
+        nu = float(_ratio_and_young(fit, cells)[0].mean())
+        shift, std = _shift(fit, cells)
+        if np.isfinite(std):
+            rows.append(
+                {"label": label, "known": known, "given": nu, "shown": nu + shift, "std": std}
+            )
+    return rows
+
+
+def _given(problem):
+    """Yield label, known, cells (n_cells,) bool of every given ν."""
+    unknowns, labels = problem.unknowns, problem.labels
+    labels = np.zeros(len(unknowns.group), int) if labels is None else labels
+    for label in np.unique(labels[unknowns.known]):
+        yield int(label), True, unknowns.known & (labels == label)
+    if unknowns.per_group == 1 and unknowns.ratio is None:
+        for label in np.unique(labels[~unknowns.known]):
+            yield int(label), False, ~unknowns.known & (labels == label)
+
+
+def _ratio_and_young(fit, cells):
+    lam, mu = (part[cells] for part in fit.parameters.moduli(fit.x))
+    young, nu = young_from_lame(lam, mu)
+    if fit.problem.unknowns.plane_stress:  # λ* = Eν/(1 − ν²), μ = E/(2(1 + ν))
+        nu = lam / (lam + 2 * mu)
+        young = 2 * (1 + nu) * mu
+    return nu, young
+
+
+def _shift(fit, cells):
+    """δ and its standard deviation; NaN where the displacements do not depend on ν."""
+    state, misfit, forward = fit.state, fit.misfit, fit.forward
+    nu, young = _ratio_and_young(fit, cells)
+    _, slopes = of_unit_young(nu, fit.problem.unknowns.plane_stress)
+    columns = []
+    for slope in slopes:
+        of_cell = np.zeros(len(cells))
+        of_cell[cells] = young * slope
+        columns.append(sp.csr_matrix(of_cell[forward.parent][:, None]))
+    loads = []
+    for u in forward.displacements(state.eta):
+        per_lam, per_mu = forward.cells.force_matrices(u)
+        force = forward.Z.T @ (per_lam @ columns[0] + per_mu @ columns[1])
+        loads.append(-force[: state.n_free].toarray())
+    held = np.zeros((forward.n_eta - state.n_free, 1))
+    change = [np.vstack([free, held]) for free in state.solve(loads)]
+    j = misfit.seen(None, change)
+    dx, db = fit.system.solve(np.zeros((fit.parameters.n, 1)), j, tell=fit.tell)
+    fitted = misfit.seen(dx, state.change(dx, db))
+    left = [[a - b for a, b in zip(*pair, strict=True)] for pair in zip(j, fitted, strict=True)]
+    weighted = _weighted(misfit, j, fit.scale)
+    curvature, score = _dot(weighted, left), _dot(weighted, misfit.residuals())
+    if not curvature > 0:
+        return np.nan, np.nan
+    of_cells = 0.0  # the finite elements' own error, which looks like a ν, too
+    if fit.gap:
+        of_cells = _dot(_weighted(misfit, left, fit.scale)[:1], [fit.gap]) / curvature
+    return score / curvature, float(np.hypot(1 / np.sqrt(curvature), of_cells))
+
+
+def _weighted(misfit, numbers, scale):
+    return [
+        [o.weight @ v / o.factor(scale) for o, v in zip(term, part, strict=True)]
+        for term, part in zip(misfit.terms, numbers, strict=True)
+    ]
+
+
+def _dot(a, b):
+    return sum(
+        float((p * q).sum()) for s, t in zip(a, b, strict=True) for p, q in zip(s, t, strict=True)
+    )
+
+
+def contradicts(row: dict) -> bool:
+    """Tell whether the displacements contradict a ν that was given."""
+    least = max(NOTABLE[row["known"]], CERTAIN * row["std"])
+    return abs(row["shown"] - row["given"]) > least
+
+
+def mean_strains(problem) -> list[dict]:
+    """Return the mean strain of each label in each trial, as measured.
+
+    Returns
+    -------
+    list of dict
+        ``label``; ``trial``, from 1; ``axial``: the largest compression (negative); ``lateral``
+        over it, with the sign of Poisson's ratio: in plane strain ν/(1 − ν) where nothing holds
+        the sides, and less where they stick; ``volume``: the change of area or volume, relative.
+    """
+    mesh = problem.mesh
+    labels = np.zeros(mesh.n_cells, int) if problem.labels is None else problem.labels
+    names, number = np.unique(labels, return_inverse=True)
+    d, rows = mesh.dim, []
+    for trial, u in enumerate(problem.displacements, 1):
+        H = np.empty((mesh.n_cells, d, d))
+        for block in mesh.blocks:
+            H[block.ids] = block.gradient(u).mean(axis=1)
+        size = np.bincount(number.ravel(), mesh.volumes)
+        for k, name in enumerate(names):
+            here = number.ravel() == k
+            mean = np.einsum("c,cij->ij", mesh.volumes[here], H[here]) / size[k]
+            axial, *lateral = np.linalg.eigvalsh((mean + mean.T) / 2)
+            rows.append(
+                {"label": int(name), "trial": trial, "axial": float(axial),
+                 "lateral": float(-np.mean(lateral) / axial) if axial else np.nan,
+                 "volume": float(np.linalg.det(np.eye(d) + mean) - 1)}
+            )  # fmt: skip
+    return rows
+
+
+def ratio_warnings(rows: list[dict]) -> list[str]:
+    """Return a sentence for each given ν that the displacements contradict."""
+    sentences = []
+    for row in rows:
+        if not contradicts(row):
+            continue
+        shown = min(max(row["shown"], -0.99), 0.5)
+        start = (
+            f"Poisson's ratio of label {row['label']} was given as {row['given']:.3g}, but its "
+            f"displacements show about {shown:.2f}: "
+        )
+        sentences.append(
+            start
+            + (
+                "check it; if it is right, the body moves out of the imaged plane or slips, and "
+                "the map cannot be relied on"
+                if row["known"]
+                else "a map with a wrong ratio shows lesions that are not there; let it be "
+                "estimated (unknowns 'young' with a standard deviation of Poisson's ratio of 0.05)"
+            )
+        )
+    return sentences
