@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..errors import InputError
 from ..fem.elastic_constants import NEGLIGIBLE_LAMBDA
 from ..linalg.front_qr import FrontQR
 from ..progress import Progress, part
@@ -15,11 +16,21 @@ TRUSTED_ERROR = 0.05
 MOST_LOST = 0.01  # share of the cells on its way that it may lose
 
 
+class Folded(InputError):
+    """The law has no stress where measured displacements turn a cell inside out."""
+
+
 def _system(problem: Problem) -> BalanceSystem:
-    return BalanceSystem(
+    system = BalanceSystem(
         problem.mesh, problem.law, problem.displacements, problem.unknowns, problem.reaction,
         problem.conditions, problem.laws(),
     )  # fmt: skip
+    if not (np.isfinite(system.A.data).all() and np.isfinite(system.b).all()):
+        raise Folded(
+            f"the displacements turn cells inside out, where the {problem.law.name} law has no "
+            "stress: take method 'regularized', or check the registration"
+        )
+    return system
 
 
 def sequential(problem: Problem, progress: Progress | None = None) -> Estimate:
@@ -89,7 +100,12 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
         estimate = regularized(problem, progress)
         estimate.report["auto"] = "regularized: it alone estimates the stretch out of the plane"
         return estimate
-    walked = sequential(problem, part(progress, 0, 0.2))
+    try:
+        walked = sequential(problem, part(progress, 0, 0.2))
+    except Folded:
+        estimate = regularized(problem, progress)
+        estimate.report["auto"] = "regularized: the displacements turn cells inside out"
+        return estimate
     cells = ~problem.unknowns.known & (walked.order >= 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = walked.mu_std[cells] / walked.mu[cells]
