@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from ..fem.elastic_constants import young_from_lame
 from .poisson import of_unit_young
 
-# shifts of ν that are worth a sentence, of known cells (the map feels it little) and of unknown ones
+# shifts of ν worth a sentence: of known cells (the map feels it little), of unknown ones
 NOTABLE = {True: 0.02, False: 0.01}
 CERTAIN = 4.0  # and how many standard deviations they must be
 
