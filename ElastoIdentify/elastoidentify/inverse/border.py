@@ -91,7 +91,7 @@ class Frame:
             raise InputError(f"points must have shape (n, 2) or (n, 3), these have {points.shape}")
         self._blocks, dim = _blocks(points, cells)
         self.n_given, self.world_dim = points.shape
-        self.axes, self.notes = None, []
+        self.axes, self.origin, self.notes = None, np.zeros(self.world_dim), []
         used = _used(self._blocks)
         bad = used[~np.isfinite(points[used]).all(axis=1)]
         if len(bad):
@@ -99,8 +99,8 @@ class Frame:
                 f"the position of node {bad[0]} is not a finite number: repair the mesh"
             )
         if self.world_dim == 3 and dim == 2:
-            origin, self.axes = plane_frame(points[used])
-            points = (points - origin) @ self.axes
+            self.origin, self.axes = plane_frame(points[used])
+            points = (points - self.origin) @ self.axes
             if _turn_clockwise(points, self._blocks):
                 self.axes = self.axes * [-1, 1]
                 points = points * [-1, 1]
@@ -166,6 +166,15 @@ class Frame:
         found = np.zeros(self.n_given, bool)
         np.logical_or.at(found, self._first, marked)
         return found[self.nodes]
+
+    def place(self, point) -> np.ndarray:
+        """Return a point of the world (2,) or (3,) in the mesh's coordinates, (d,)."""
+        at = numbers(point, "look_at")
+        if at.shape != (self.world_dim,) or not np.isfinite(at).all():
+            raise InputError(
+                f"look_at is {point!r}: give the {self.world_dim} coordinates of a place"
+            )
+        return at if self.axes is None else (at - self.origin) @ self.axes
 
     def to_plane(self, vectors):
         """Displacements (t, n, 2 or 3) in the mesh's dimension; out of plane is dropped, noted."""

@@ -90,6 +90,7 @@ def identify(
     refine: int | None = None,
     reference_label: int | None = None,
     element: str = "locking-free",
+    look_at: Sequence[float] | None = None,
     progress: Progress | None = None,
 ) -> IdentificationResult:
     """Identify λ and μ of every cell from the displacements of its nodes.
@@ -142,6 +143,9 @@ def identify(
         of neighbours, right near incompressibility, or plain ones.
     reference_label : int, optional
         Label to which the ratios of ``result.statistics`` refer; the largest unknown one.
+    look_at : (2,) or (3,), optional
+        A place in the points' coordinates: ``report["smallest_visible"]["here"]`` says how small a
+        lesion of twice the stiffness a map of cells would show there.
     progress : callable, optional
 
     Raises
@@ -168,6 +172,8 @@ def identify(
     lost = border.lost_trials(frame, metric, len(u))
     trials = 1 + np.flatnonzero(~lost)
     problem = _problem(frame, setting, u[~lost], None if metric is None else metric[~lost], trials)
+    if look_at is not None:
+        problem = replace(problem, look_at=frame.place(look_at))
     if stretch is not None:
         here = replace(stretch, centre=stretch.centre[~lost], trials=trials)
         problem = replace(problem, stretch=here)

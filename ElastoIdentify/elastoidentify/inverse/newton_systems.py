@@ -32,6 +32,7 @@ from .misfit import Misfit
 
 TOLERANCE, LIMIT = 0.003, 300  # of the conjugate gradients: relative residual, steps
 REFIT = 0.003  # tolerance of the held nodes' motion alone
+COARSE = 0.05  # where its square matters
 FEW = 100  # parameters for which the preconditioner holds the data's own curvature
 UNMEASURED = 1e4  # variance of nodes that only refinement has, over that of measured nodes
 _TINY = np.finfo(float).tiny
@@ -150,12 +151,28 @@ class ReducedSystem:
 
     def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
         """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
+        return [b[:, 0] for b in self._held_motion(state, misfit, misfit.residuals(), tell, REFIT)]
+
+    def unexplained(self, state: State, misfit: Misfit, dx: np.ndarray, tell=None):
+        """Return what dx (n_x, m) changes of the numbers and the held motion could not.
+
+        Per term and trial, (k, m).
+        """
+        at_rest = [np.zeros((K.shape[1], dx.shape[1])) for K in state.couplings]
+        seen = misfit.seen(dx, state.change(dx, at_rest))
+        db = self._held_motion(state, misfit, seen, tell, COARSE)
+        like = misfit.seen(None, state.change(None, db))
+        return [
+            [a - b for a, b in zip(*parts, strict=True)] for parts in zip(seen, like, strict=True)
+        ]
+
+    def _held_motion(self, state, misfit, numbers, tell, tolerance):
+        """The db of each trial, (n_held, m), that comes nearest to numbers, dx held fast."""
         self.P, self.state, self.misfit, self.scale = None, state, misfit, 1.0
         self.of_b = self._held_blocks()
-        fixed = np.zeros((0, 1))
-        right = self._gradient(misfit.residuals())[1:]
-        _, db = self._solve([fixed, *right], None, tell, REFIT)
-        return [b[:, 0] for b in db]
+        right = self._gradient(numbers)[1:]
+        fixed = np.zeros((0, right[0].shape[1]))
+        return self._solve([fixed, *right], None, tell, tolerance)[1]
 
     def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
         """Take new matrices."""

@@ -31,6 +31,7 @@ class Problem:
     sliding: np.ndarray | None = None  # (n_nodes,) bool: reaction nodes that are pushed across only
 
     stretch: Stretch | None = None  # out of the plane
+    look_at: np.ndarray | None = None  # (d,) place for which it is asked what could be seen
 
     def laws(self, stretches: np.ndarray | None = None) -> list[Kinematics]:
         """Return the law of each trial, with the stretches out of the plane given or found."""

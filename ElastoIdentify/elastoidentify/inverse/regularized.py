@@ -31,12 +31,14 @@ from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
 from .ratio_checks import ratio_checks, ratio_warnings
+from .visibility import smallest_visible
 
 VARIATIONAL_STEPS, SHARPENING_STEPS, POSTERIOR_STEPS = 20, 15, 2
 SETTLED = {"variational": 0.1, "sharpening": 0.05}  # largest change of a log-modulus in a step
 SAMPLES = 16
 # on the way, by products: few and coarse samples tell the weights well enough
 ROUGH_SAMPLES, ROUGH, FINE = 4, 0.03, 0.01
+MOST_LOOKED_AT = 20_000  # degrees of freedom up to which it is said what could be seen, unasked
 FEW = 100  # parameters for which all samples are taken always
 
 
@@ -165,6 +167,7 @@ class _Fit:
         self._model_misfit()
         self.at = (0.99, "regularized: Poisson's ratios that were given")
         self.checks = ratio_checks(self)
+        self._visibility()
         return self._estimate()
 
     def _variational_stage(self):
@@ -240,6 +243,18 @@ class _Fit:
             self.at = (0.99, "regularized: where the model does not fit")
             self.unexplained = model_misfit(self, stated)
 
+    def _visibility(self):
+        """Find how small a lesion could be that a map of cells would show."""
+        self.visible, unknowns, mesh = None, self.problem.unknowns, self.problem.mesh
+        place = self.problem.look_at
+        if unknowns.per_cell and (place is not None or self.forward.n_free <= MOST_LOOKED_AT):
+            self.at = (0.99, "regularized: what could be seen")
+            self.visible = smallest_visible(
+                self.state, self.misfit, self.scale, unknowns.per_group,
+                mesh.centres[~unknowns.known], float(np.median(mesh.volumes) ** (1 / mesh.dim)),
+                place, self.tell,
+            )  # fmt: skip
+
     def _sampled(self):
         """Samples of the error of x that the measurements leave."""
         if self.problem.noise.information is None:
@@ -279,6 +294,7 @@ class _Fit:
             "prior_rule": "variational Bayes of total variation, then reweighted",
             "element": self.forward.element,
             "mesh_shift": shift,
+            "smallest_visible": self.visible,
             "refine": self.refine,
             "factorisation": self.forward.factoriser.name,
             "iterations": len(self.log),
