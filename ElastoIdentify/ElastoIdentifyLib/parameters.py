@@ -9,10 +9,7 @@ from elastoidentify.study import STEPS
 from slicer.parameterNodeWrapper import Choice as OneOf
 from slicer.parameterNodeWrapper import WithinRange
 
-OF_NODES = (
-    "known_materials", "rigid_labels", "reaction_boxes", "slice_axis", "sliding_labels",
-    "sliding_boxes", "slip",
-)  # fmt: skip
+OF_NODES = ("known_materials", "rigid_labels", "reaction_boxes", "slice_axis", "sliding_boxes")
 """Options that Slicer gives otherwise: materials by segment, boxes by ROIs, the slice by a view."""
 
 LIMIT = 1e9  # of numbers that the table does not bound: a spin box needs some
@@ -54,17 +51,11 @@ def _type(option: Option):
 
 
 def in_field(option: Option, value):
-    """Return a value as the parameter node holds it: rows of one number are words of a text."""
-    return " ".join(f"{one:g}" for one in value) if isinstance(option, Rows) else value
-
-
-def _from_field(option, value):
-    if not isinstance(option, Rows):
+    """Return a value as the parameter node holds it: rows are a line of text, ``1:2, 1:3``."""
+    if not isinstance(option, Rows) or isinstance(value, str):
         return value
-    try:
-        return tuple(float(word) for word in value.replace(",", " ").split())
-    except ValueError:
-        raise InputError(f"{label(option)}: {value!r} is no list of numbers") from None
+    rows = [row if isinstance(row, tuple) else (row,) for row in value]
+    return ", ".join(":".join(f"{one:g}" for one in row) for row in rows)
 
 
 def bounds(option: Number) -> tuple:
@@ -76,7 +67,46 @@ def bounds(option: Number) -> tuple:
 
 def chosen(node) -> dict:
     """Return {name in the table: value} of a parameter node."""
-    return {k: _from_field(one, getattr(node, field(k))) for k, one in options().items()}
+    return {name: getattr(node, field(name)) for name in options()}
+
+
+def rows_of_text(text: str, option: Rows, names: dict[int, str]) -> tuple:
+    """Return the rows that a line of text stands for: ``Pad:Tissue, Pad:Lesion``; ``0.01, 0.02``.
+
+    Parameters
+    ----------
+    names : {label: name of the segment}
+        In columns of labels; the label itself will do, too.
+
+    Raises
+    ------
+    InputError
+    """
+    labels, rows = {name: number for number, name in names.items()}, []
+    if option.kinds == (float,):  # names have blanks in them, numbers have not
+        text = ",".join(text.replace(",", " ").split())
+    for row in filter(None, (part.strip() for part in text.split(","))):
+        words = [word.strip() for word in row.split(":")]
+        if len(words) != len(option.kinds):
+            example = ":".join(["Pad", "Tissue"][: len(option.kinds)])
+            raise InputError(
+                f"{label(option)}: {row!r} is not of the form {example}, with commas between"
+            )
+        rows.append(
+            tuple(
+                labels[word] if kind is int and word in labels else _number(kind, word, option)
+                for kind, word in zip(option.kinds, words, strict=True)
+            )
+        )
+    return tuple(rows)
+
+
+def _number(kind: type, word: str, option: Rows):
+    try:
+        return kind(word)
+    except ValueError:
+        what = "segment" if kind is int else "number"
+        raise InputError(f"{label(option)}: there is no {what} {word!r}") from None
 
 
 # ---- widgets

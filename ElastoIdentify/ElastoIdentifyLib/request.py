@@ -9,9 +9,10 @@ import slicer
 import vtk
 from elastoidentify.errors import InputError
 from elastoidentify.imaging.slices import slice_of_image
+from elastoidentify.options import Rows
 from elastoidentify.study import Study
 
-from . import images
+from . import images, parameters
 
 KNOWN, UNKNOWN, RIGID, LEFT_OUT = "known", "unknown", "rigid", "left out"
 ROLES = (UNKNOWN, KNOWN, RIGID, LEFT_OUT)
@@ -209,7 +210,7 @@ class Request:
                 if material.role == KNOWN
             },
             unit=self.unit,
-            **self.options,
+            **self._options(),
         )
 
     def _slice(self, rest) -> tuple[str, int]:
@@ -218,6 +219,14 @@ class Request:
             return "none", -1
         size = rest.size[self.sliceAxis]
         return "ijk"[self.sliceAxis], self.sliceIndex if self.sliceIndex >= 0 else size // 2
+
+    def _options(self) -> dict:
+        """Return the options with labels in place of the names of segments."""
+        table, found = parameters.options(), dict(self.options)
+        for name, value in self.options.items():
+            if isinstance(table.get(name), Rows) and isinstance(value, str):
+                found[name] = parameters.rows_of_text(value, table[name], self.names())
+        return found
 
     def names(self) -> dict[int, str]:
         """Return {label: name of the segment}."""

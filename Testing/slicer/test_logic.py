@@ -561,6 +561,15 @@ def test_every_option_arrives_from_the_parameter_node_in_the_study(name):
     assert getattr(study, name) == other != start
 
 
+def test_segments_that_slide_are_said_by_their_names():
+    names, option = {3: "Pad", 7: "My tissue"}, parameters.options()["slip"]
+    assert parameters.rows_of_text("Pad:My tissue", option, names) == ((3, 7),)
+    with pytest.raises(InputError, match="no segment 'Lesion'"):
+        parameters.rows_of_text("Pad:Lesion", option, names)
+    with pytest.raises(InputError, match="of the form Pad:Tissue"):
+        parameters.rows_of_text("Pad", option, names)
+
+
 def test_images_boxes_and_materials_arrive_in_the_study():
     inputs, _ = sample.add_exact_push()
     rest = inputs["restVolume"]

@@ -415,7 +415,7 @@ def _apart(problem):
         raise InputError(
             f"the mesh is in {n_pieces} pieces that share no node, and every unknown cell lies in "
             "one without a known cell, where no force reaches it: merge the nodes that "
-            "neighbouring cells store separately"
+            "neighbouring cells store separately, or name the labels that slide in slip"
         )
     return apart
 
