@@ -1,0 +1,1 @@
+"""An open benchmark of identification: problems × methods; see docs/open-benchmark.md."""
