@@ -2,8 +2,8 @@
 
 A problem is a module with TITLE, SOURCE (where it comes from and what is different here), LEVELS
 (names of noise levels), QUICK (the one that `--quick` takes, or None) and
-``make(level) -> (Case, Truth)``; optionally PUBLISHED = {level: {code: RMS}}, other codes' figures on
-the publishers' own instance.
+``make(level) -> (Case, Truth)``; optionally PUBLISHED = {level: {code: RMS}}, other codes' figures
+on the publishers' own instance.
 """
 
 import importlib
