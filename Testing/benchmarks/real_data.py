@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from elastoidentify.imaging.image import Image
-from elastoidentify.pipeline import cell_blocks, run
+from elastoidentify.pipeline import cell_blocks, make_mesh, measure, run
 from elastoidentify.report.picture import draw
 from elastoidentify.study import Study
 from scipy import ndimage
@@ -189,7 +189,7 @@ def one_map(name: str, pair: Pair, out: Path | None, registration=None, **more):
             "Status": result.status,
         }
         draw(
-            out / f"{name.split(',')[0].replace(' ', '_')}.png", outcome.mesh.points,
+            out / f"{''.join(c if c.isalnum() else '_' for c in name)}.png", outcome.mesh.points,
             cell_blocks(outcome.mesh.cells), arrays, study.rest, unit="kPa", length="px",
         )  # fmt: skip
     return outcome
@@ -245,9 +245,12 @@ def show_foam(folder, out):
 
 def show_open_hole(folder, out):
     pair = open_hole(folder)
-    outcome = one_map("open hole, per cell", pair, out)
-    one_map("open hole, per label", pair, out, outcome.registration, grouping="label")
-    compare(outcome.mesh.points, outcome.registration.displacements[0], folder)
+    study = pair.study()
+    mesh = make_mesh(study)
+    found = measure(study, mesh.points, mesh.cells, reaction_nodes=mesh.reaction_nodes)
+    compare(mesh.points, found.displacements[0], folder)
+    one_map("open hole, per label", pair, out, found, grouping="label")
+    one_map("open hole, per cell", pair, out, found)
 
 
 def compare(points, u, folder):

@@ -63,7 +63,7 @@ def solve(
 
 
 def _reader(basis, points, size):
-    """Return a function: solution → (n, d) values at points; at once where all of them are nodes."""
+    """Return a function: solution → (n, d) values at points; direct where all are nodes."""
     d = len(size)
     apart, node = cKDTree(basis.doflocs.T[::d]).query(points)
     if apart.max() < 1e-9:  # the components of a node follow one another
