@@ -1,8 +1,9 @@
 """Before anybody is imaged: which pushes and which cells would show a lesion of a size.
 
 The segmentation is meshed, tissue of one stiffness is pushed (on a mesh finer than the one that is
-judged), the displacements get the errors that a registration has, and the study's own identification
-says how small a lesion its map would show (:mod:`elastoidentify.inverse.visibility`).
+judged), the displacements get the errors that a registration has, and the study's own
+identification says how small a lesion its map would show
+(:mod:`elastoidentify.inverse.visibility`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -120,7 +121,10 @@ def plan(
 def _row(length, mesh, chosen, noise, result):
     seen = result.report.get("smallest_visible")
     if seen is None:
-        raise InputError("only maps of cells by the regularized method can be planned")
+        raise InputError(
+            "what would be seen is known of maps of cells by the regularized method: choose method "
+            "'regularized' and grouping 'cell'"
+        )
     return Seen(
         length, len(mesh.cells), chosen, noise, seen["typical"], seen["worst"], seen["here"]
     )
@@ -180,11 +184,12 @@ def _touches(image: Image, points: np.ndarray, label: int) -> np.ndarray:
     """Tell which points (n, 3) lie nearer to a voxel of a label than two voxels."""
     voxels = np.argwhere(image.array == label)[:, ::-1]
     tree = cKDTree(image.index_to_world(voxels))
-    return tree.query(points)[0] < 2 * max(d for d, n in zip(image.spacing, image.size) if n > 1)
+    widest = max(d for d, n in zip(image.spacing, image.size, strict=True) if n > 1)
+    return tree.query(points)[0] < 2 * widest
 
 
 def plan_rows(rows: Sequence[Seen], unit: str = "mm") -> list[Mapping[str, object]]:
-    """Return the rows of a table for people and files."""
+    """Return the rows of a table for people and files; inf where no lesion would be seen."""
 
     def size(value):
         return float("inf") if value is None else value

@@ -165,7 +165,7 @@ class _Slice(argparse.Action):
 
 def make_parser() -> Parser:
     """Return the parser of the whole command line."""
-    from . import commands, exports
+    from . import commands, exports, plan
 
     parser = Parser(
         prog="elastoidentify",
@@ -205,6 +205,7 @@ def make_parser() -> Parser:
     add_options(one, RegistrationOptions)
     add_options(one, ReadOptions)
     _results(one)
+    plan.declare(add(plan.plan))
     one = add(commands.info)
     one.add_argument("map", metavar="MAP.vtu", help="a result")
     _export(add(exports.export))

@@ -21,8 +21,8 @@ from .newton_systems import ReducedSystem
 
 CONTRAST = 2.0  # of the lesion that is looked for
 NEEDED = 15.0
-"""Of which fits of independent data show half of the lesion's log-contrast: at 0.3 % noise d′ = 19, at
-3 % 11 to 13."""
+"""Where fits of independent data show about half of a lesion's log-contrast: d′ was 19 there with
+noise of 0.3 % of the push, 11 to 13 with 3 %."""
 
 PLACES, DIAMETERS = 3, 5  # that are tried
 

@@ -39,7 +39,21 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
         )
     if report.get("misfit") is not None:
         lines.append(f"misfit: {figure(report['misfit'])} (1: as large as the noise)")
+    if report.get("smallest_visible"):
+        lines.append(visible_line(report["smallest_visible"], length))
     return lines
+
+
+def visible_line(seen: dict, length: str) -> str:
+    """Return which lesions this map would show, and so what its silence means."""
+    lesion = f"a lesion of {figure(seen['contrast'])} times the stiffness"
+    if seen["typical"] is None:
+        return f"{lesion} would hardly show, of whatever size: more pushes, less noise"
+    worst = (
+        "not everywhere" if seen["worst"] is None else f"everywhere from {figure(seen['worst'])}"
+    )
+    at_worst = f" ({worst})" if seen["worst"] != seen["typical"] else ""
+    return f"{lesion} would show from about {figure(seen['typical'])} {length} across{at_worst}"
 
 
 def _count(number: int, thing: str) -> str:
