@@ -82,10 +82,12 @@ def stretched_body(*stretches):
 
 def found(body, seed=0, **options):
     u = body.noisy(NOISE, seed)
-    options = {"unknowns": "young", "poisson_ratio": body.poisson} | options
+    options = {
+        "unknowns": "young", "poisson_ratio": body.poisson, "grouping": "label"
+    } | options  # fmt: skip
     return identify(
         body.points, body.cells, u, {1: (1.0, body.poisson)}, labels=body.labels,
-        reaction_nodes=body.reaction, method="regularized", grouping="label",
+        reaction_nodes=body.reaction, method="regularized",
         information=np.broadcast_to(np.eye(2) / NOISE**2, (*u.shape, 2)), **options,
     )  # fmt: skip
 
