@@ -94,7 +94,11 @@ def png_size(path):
 
 def test_the_extension_has_what_the_index_asks_for():
     entry = json.loads((ROOT / "Resources" / "ElastoIdentify.json").read_text())
+    assert entry["$schema"].endswith("/slicer-extension-catalog-entry-schema-v1.0.2.json#")
+    fields = {"$schema", "build_dependencies", "build_subdirectory", "category"}
+    assert entry.keys() == fields | {"scm_revision", "scm_url", "tier"}  # others are refused
     assert entry["category"] in ("Quantification", "Simulation")
+    assert (ROOT / "LICENSE.txt").is_file()
     assert entry["scm_url"].endswith("/SlicerElastoIdentify.git")
     assert entry["build_dependencies"] == []
     assert png_size(ROOT / "Resources" / "ElastoIdentify.png") == (128, 128)
