@@ -30,6 +30,7 @@ from slicer.ScriptedLoadableModule import (
 from slicer.util import VTKObservationMixin
 
 SAMPLE = "ElastoIdentify phantom"
+SAMPLE_3D = "ElastoIdentify 3-D phantom"
 POLLING_INTERVAL = 200  # milliseconds
 
 
@@ -65,20 +66,21 @@ def onStartup():
 
 
 def registerSampleData():
-    """Add the phantom to the Sample Data module."""
+    """Add the phantoms to the Sample Data module."""
     import SampleData
 
     icons = os.path.join(os.path.dirname(__file__), "Resources", "Icons")
-    SampleData.SampleDataLogic.registerCustomSampleDataSource(
-        category="ElastoIdentify",
-        sampleName=SAMPLE,
-        thumbnailFileName=os.path.join(icons, "ElastoIdentifyPhantom.png"),
-        uris=["generated"],
-        fileNames=[SAMPLE],
-        nodeNames=[None],
-        checksums=[None],
-        customDownloader=loadSample,
-    )
+    for name, load in ((SAMPLE, loadSample), (SAMPLE_3D, loadSampleVolume)):
+        SampleData.SampleDataLogic.registerCustomSampleDataSource(
+            category="ElastoIdentify",
+            sampleName=name,
+            thumbnailFileName=os.path.join(icons, "ElastoIdentifyPhantom.png"),
+            uris=["generated"],
+            fileNames=[name],
+            nodeNames=[None],
+            checksums=[None],
+            customDownloader=load,
+        )
 
 
 def loadSample(source=None):
@@ -91,9 +93,19 @@ def loadSample(source=None):
     return nodes
 
 
-def _tell(fraction, text):
+def loadSampleVolume(source=None):
+    """Make the nodes of the 3-D phantom in the scene, as loadSample does."""
+    from ElastoIdentifyLib.sample import add_phantom_volume
+    from ElastoIdentifyLib.views import show_volume
+
+    nodes = add_phantom_volume(lambda fraction, text: _tell(fraction, text, SAMPLE_3D))
+    show_volume(nodes[0])
+    return nodes
+
+
+def _tell(fraction, text, name=SAMPLE):
     """Show progress in the status bar; nothing can be clicked meanwhile."""
-    slicer.util.showStatusMessage(f"{SAMPLE}: {100 * fraction:.0f} %, {text}", 2000)
+    slicer.util.showStatusMessage(f"{name}: {100 * fraction:.0f} %, {text}", 2000)
     slicer.app.processEvents(qt.QEventLoop.ExcludeUserInputEvents)
 
 
@@ -172,9 +184,8 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.timer.setInterval(POLLING_INTERVAL)
         self.timer.connect("timeout()", self.onTimer)
 
-        header = ["Segment", "Role", "E", "ν"]
-        self.ui.materialsTable.setColumnCount(len(header))
-        self.ui.materialsTable.setHorizontalHeaderLabels(header)
+        self.ui.materialsTable.setColumnCount(len(_header()))
+        self.ui.materialsTable.setHorizontalHeaderLabels(_header())
         self.ui.progressBar.visible = False
 
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.StartCloseEvent, self.onSceneStartClose)
@@ -183,9 +194,13 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.addObserver(
             slicer.mrmlScene, slicer.mrmlScene.StartImportEvent, self.onSceneStartImport
         )
-        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndImportEvent, self.onSceneEndClose)
+        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndImportEvent, self.onSceneEndImport)
         self.ui.applyButton.connect("clicked(bool)", self.onApplyButton)
         self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
+        self.ui.restoreButton.connect("clicked(bool)", self.onRestore)
+        self.ui.exportDicomButton.connect("clicked(bool)", lambda: self.onExport("dicom"))
+        self.ui.exportNiftiButton.connect("clicked(bool)", lambda: self.onExport("nifti"))
+        self.ui.exportHtmlButton.connect("clicked(bool)", lambda: self.onExport("html"))
         self.ui.pushedSelector.connect("checkedNodesChanged()", self.onListsChanged)
         self.ui.transformsSelector.connect("checkedNodesChanged()", self.onListsChanged)
         self.ui.reactionRoisSelector.connect("checkedNodesChanged()", self.onListsChanged)
@@ -199,6 +214,15 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def enter(self):
         self.initializeParameterNode()
+        self._scrollToTop()
+
+    def _scrollToTop(self):
+        """Show Apply: the area is that of all modules, and stays where the last one left it."""
+        area = self.parent
+        while area is not None and not area.inherits("QScrollArea"):
+            area = area.parent()
+        if area is not None:
+            area.verticalScrollBar().setValue(0)
 
     def exit(self):
         # A run goes on while the user looks at other modules; the panel is refreshed on return.
@@ -214,6 +238,14 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def onSceneEndClose(self, caller=None, event=None):
         if self.parent.isEntered:
             self.initializeParameterNode()
+
+    def onSceneEndImport(self, caller=None, event=None):
+        self.onSceneEndClose()
+        from ElastoIdentifyLib.views import mend_camera
+
+        model = self.logic.getParameterNode().resultModel
+        # The views of the scene are set up after this event.
+        qt.QTimer.singleShot(0, lambda: mend_camera(model))
 
     def initializeParameterNode(self):
         """Make sure that the parameter node is there, and suggest what can be guessed."""
@@ -268,7 +300,21 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         finally:
             self._filling = False
         self._showQuantity()
+        self._updateResultButtons()
         self.updateApplyButton()
+
+    def _updateResultButtons(self):
+        """What can be done with a result needs one."""
+        from ElastoIdentifyLib.outputs import RESULT, previous_result
+
+        model = self._parameterNode.resultModel
+        self.ui.restoreButton.enabled = previous_result() is not None
+        for button in (
+            self.ui.exportDicomButton,
+            self.ui.exportNiftiButton,
+            self.ui.exportHtmlButton,
+        ):
+            button.enabled = model is not None and bool(model.GetAttribute(RESULT))
 
     @staticmethod
     def _checkNodes(selector, nodes):
@@ -304,6 +350,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         from ElastoIdentifyLib.request import (
             ROLES,
             materials_from_text,
+            role_names,
             segment_names,
             suggested_material,
         )
@@ -312,13 +359,13 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         materials = materials_from_text(self._parameterNode.materials)
         names = segment_names(self._parameterNode.segmentation)
         unit = self._parameterNode.unit
-        table.setHorizontalHeaderLabels(["Segment", "Role", f"E ({unit})", "ν"])
+        table.setHorizontalHeaderLabels(_header(unit))
         if list(names) != self._segmentIds or table.rowCount != len(names):
             self._segmentIds = list(names)
             table.setRowCount(len(names))
             for row in range(len(names)):
                 roles = qt.QComboBox()
-                roles.addItems([_(role) for role in ROLES])
+                roles.addItems(role_names())
                 roles.connect("currentIndexChanged(int)", self.onMaterialEdited)
                 table.setCellWidget(row, 1, roles)
                 for column in (0, 2, 3):
@@ -328,7 +375,9 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             material = materials.get(segmentId) or suggested_material(
                 self._parameterNode.segmentation, segmentId
             )
+            segments = self._parameterNode.segmentation.GetSegmentation()
             table.item(row, 0).setText(name)
+            table.item(row, 0).setIcon(_swatch(segments.GetSegment(segmentId).GetColor()))
             table.cellWidget(row, 1).setCurrentIndex(ROLES.index(material.role))
             known = material.role == "known"
             editable = qt.Qt.ItemIsEnabled | qt.Qt.ItemIsSelectable | qt.Qt.ItemIsEditable
@@ -389,6 +438,37 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
             show_quantity(model, shown)
 
+    # ---- what is done with a result
+
+    def onRestore(self, checked=False):
+        """Change the result and the one that it replaced."""
+        from ElastoIdentifyLib.outputs import exchange
+
+        self._parameterNode.resultModel = exchange(self._parameterNode.resultModel)
+        self._status(self.logic.reportOf(self._parameterNode.resultModel))
+
+    def onExport(self, kind):
+        """Ask where to, install what is missing, and write."""
+        target = self._askTarget(kind)
+        if not target:
+            return
+        with slicer.util.tryWithErrorDisplay(_("The map could not be written."), waitCursor=True):
+            files = self.logic.export(self._parameterNode.resultModel, kind, target)
+            text = _("Wrote {number} files: {names}")
+            names = ", ".join(file.name for file in files)
+            self._status(text.format(number=len(files), names=names))
+
+    def _askTarget(self, kind):
+        window = slicer.util.mainWindow()
+        if kind == "dicom":
+            return qt.QFileDialog.getExistingDirectory(window, _("Folder for the DICOM files"))
+        name = self._parameterNode.resultModel.GetName()
+        if kind == "nifti":
+            title = _("Beginning of the names of the NIfTI images")
+            return qt.QFileDialog.getSaveFileName(window, title, name)
+        title = _("Report")
+        return qt.QFileDialog.getSaveFileName(window, title, f"{name}.html", "HTML (*.html)")
+
     # ---- the run
 
     def updateApplyButton(self):
@@ -398,7 +478,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             button.text, button.enabled = _("Cancel"), True
             button.toolTip = _("Stop; the scene stays as it was")
             return
-        missing = "no scene"
+        missing = _("no scene")
         if self._parameterNode is not None:
             request = self.logic.request(self._parameterNode)
             missing = request.missing(self._parameterNode.useTransforms)
@@ -482,6 +562,17 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.ui.statusLabel.text = text
 
 
+def _header(unit=""):
+    return [_("Segment"), _("Role"), f"E ({unit})" if unit else "E", "ν"]
+
+
+def _swatch(colour):
+    """Return a square in the colour of a segment."""
+    pixmap = qt.QPixmap(16, 16)
+    pixmap.fill(qt.QColor.fromRgbF(*colour))
+    return qt.QIcon(pixmap)
+
+
 def _segmentEvents():
     segmentation = slicer.vtkSegmentation
     return (segmentation.SegmentAdded, segmentation.SegmentRemoved, segmentation.SegmentModified)
@@ -537,15 +628,37 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
 
     @staticmethod
     def finish(run, name="Stiffness", show="Mu", replace=None):
-        """Put the outcome of a run into the scene; returns ElastoIdentifyLib.outputs.Result."""
-        from ElastoIdentifyLib.outputs import make_result, remove_result
+        """Put the outcome of a run into the scene; returns ElastoIdentifyLib.outputs.Result.
+
+        The result of the model `replace`, if there is one, is put aside then, and stays as it is
+        when the run has failed.
+        """
+        from ElastoIdentifyLib.outputs import make_result, replace_result
 
         outcome = run.outcome()
-        if replace is not None:
-            remove_result(replace)
         for warning in outcome.warnings:
             logging.warning(warning)
-        return make_result(outcome, run.request, name, show)
+        return replace_result(replace, lambda: make_result(outcome, run.request, name, show))
+
+    @staticmethod
+    def export(model, kind, target, ask=True):
+        """Write a result as files: ElastoIdentifyLib.exports.export, with what it needs installed.
+
+        Parameters
+        ----------
+        model : vtkMRMLModelNode
+        kind : "dicom", "nifti", "html"
+        target : str
+            Folder, beginning of the files' names, or file.
+        ask : bool
+            Before a package is installed.
+        """
+        from ElastoIdentifyLib.exports import PACKAGES, export
+
+        wanted = PACKAGES.get(kind, [])
+        if wanted:
+            _ensure(wanted, ask, _("This export"))
+        return export(model, kind, target)
 
     def process(self, progress=None, name="Stiffness", show="Mu", **request):
         """Compute a map and wait for it; for scripts.
@@ -584,13 +697,9 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     def ensurePackages(ask=True):
         """Install what the registration needs and Slicer has not; ask=False for scripts."""
         requirements = os.path.join(os.path.dirname(__file__), "Resources", "requirements.txt")
-        try:
-            from slicer.packaging import load_requirements, pip_ensure
-        except ImportError:  # before Slicer 5.12
-            _ensurePackagesByHand(requirements, ask)
-            return
-        wanted = load_requirements(requirements)
-        pip_ensure(wanted, requester="ElastoIdentify", prompt_install=ask, prompt_restart=ask)
+        with open(requirements) as lines:
+            wanted = [line.strip() for line in lines if line.strip() and line[0] != "#"]
+        _ensure(wanted, ask, _("The registration"))
 
     @staticmethod
     def sliceOfView(volume, sliceNode):
@@ -608,11 +717,16 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     @staticmethod
     def report(result):
         """Say in a few sentences what was found, and how far to trust it."""
+        return ElastoIdentifyLogic.reportOf(result.model)
+
+    @staticmethod
+    def reportOf(model):
+        """Say what :meth:`report` says, of the model of a result."""
         from elastoidentify.results import Status
         from elastoidentify.vtk_io.arrays import read_report
 
-        report = read_report(result.model.GetMesh(), "identification")
-        status = slicer.util.arrayFromModelCellData(result.model, "Status")
+        report = read_report(model.GetMesh(), "identification")
+        status = slicer.util.arrayFromModelCellData(model, "Status")
         sentences = [
             _(report["verdict"]["sentence"]),
             _(
@@ -634,20 +748,35 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         show_result(result, request)
 
 
-def _ensurePackagesByHand(requirements, ask):
-    """Do what slicer.packaging.pip_ensure does from Slicer 5.12 on."""
+def _ensure(wanted, ask, purpose):
+    """Install packages that are missing, after asking."""
     try:
-        importlib.metadata.version("itk-elastix")
+        from slicer.packaging import pip_ensure
+    except ImportError:  # before Slicer 5.12
+        _ensureByHand(wanted, ask, purpose)
         return
+    pip_ensure(wanted, requester="ElastoIdentify", prompt_install=ask, prompt_restart=ask)
+
+
+def _ensureByHand(wanted, ask, purpose):
+    """Do what slicer.packaging.pip_ensure does from Slicer 5.12 on."""
+    missing = [one for one in wanted if not _isInstalled(one)]
+    if not missing:
+        return
+    about = {"purpose": purpose, "names": ", ".join(missing)}
+    question = _("{purpose} needs the Python package {names}. Install it now?").format(**about)
+    if ask and not slicer.util.confirmOkCancelDisplay(question):
+        raise RuntimeError(_("{purpose} does not work without {names}.").format(**about))
+    slicer.util.pip_install(missing)
+
+
+def _isInstalled(requirement):
+    name = requirement.partition(">")[0].partition("=")[0].strip()
+    try:
+        importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-        pass
-    with open(requirements) as lines:
-        wanted = [line.strip() for line in lines if line.strip() and line[0] != "#"]
-    names = ", ".join(wanted)
-    question = _("The registration needs the Python package {names}. Install it now?")
-    if ask and not slicer.util.confirmOkCancelDisplay(question.format(names=names)):
-        raise RuntimeError(_("Without {names} images cannot be registered.").format(names=names))
-    slicer.util.pip_install(wanted)
+        return False
+    return True
 
 
 def _present(nodes):

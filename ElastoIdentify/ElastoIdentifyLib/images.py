@@ -13,6 +13,7 @@ import vtk
 from elastoidentify.errors import InputError
 from elastoidentify.imaging.image import Image
 from elastoidentify.provenance import image_hash
+from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 
@@ -27,9 +28,11 @@ def image_from_volume(volume) -> Image:
     name = volume.GetName()
     data = volume.GetImageData()
     if data is None or data.GetNumberOfPoints() == 0:
-        raise InputError(f"the volume {name!r} holds no voxels: load it again, or choose another")
+        text = _("the volume {name!r} holds no voxels: load it again, or choose another")
+        raise InputError(text.format(name=name))
     if data.GetNumberOfScalarComponents() != 1:
-        raise InputError(f"the volume {name!r} is in colour: convert it to a scalar volume first")
+        text = _("the volume {name!r} is in colour: convert it to a scalar volume first")
+        raise InputError(text.format(name=name))
     array = slicer.util.arrayFromVolume(volume).copy()
     return _placed(array, ijk_to_world(volume))
 
@@ -41,10 +44,11 @@ def ijk_to_world(volume) -> np.ndarray:
     parent = volume.GetParentTransformNode()
     if parent is not None:
         if not parent.IsTransformToWorldLinear():
-            raise InputError(
-                f"the volume {volume.GetName()!r} is under the transform {parent.GetName()!r}, "
+            text = _(
+                "the volume {name!r} is under the transform {parent!r}, "
                 "which is not linear: harden it in the Transforms module first"
             )
+            raise InputError(text.format(name=volume.GetName(), parent=parent.GetName()))
         to_world = vtk.vtkMatrix4x4()
         parent.GetMatrixTransformToWorld(to_world)
         vtk.vtkMatrix4x4.Multiply4x4(to_world, matrix, matrix)
@@ -68,10 +72,11 @@ def segmentation_image(segmentation, segment_ids: Sequence[str], reference) -> I
     try:
         logic = slicer.modules.segmentations.logic()
         if not logic.ExportSegmentsToLabelmapNode(segmentation, ids, labelmap, reference):
-            raise InputError(
-                f"the segmentation {segmentation.GetName()!r} could not be written on the voxels "
-                f"of {reference.GetName()!r}: check that it was drawn on that volume"
+            text = _(
+                "the segmentation {name!r} could not be written on the voxels of {volume!r}: "
+                "check that it was drawn on that volume"
             )
+            raise InputError(text.format(name=segmentation.GetName(), volume=reference.GetName()))
         array = slicer.util.arrayFromVolume(labelmap).copy()
     finally:
         display = labelmap.GetDisplayNode()
@@ -81,10 +86,12 @@ def segmentation_image(segmentation, segment_ids: Sequence[str], reference) -> I
                 slicer.mrmlScene.RemoveNode(node)
     expected = slicer.util.arrayFromVolume(reference).shape
     if array.shape != expected:
-        raise InputError(
-            f"the segmentation {segmentation.GetName()!r} does not fit on the voxels of "
-            f"{reference.GetName()!r}: {array.shape[::-1]} instead of {expected[::-1]}"
+        text = _(
+            "the segmentation {name!r} does not fit on the voxels of {volume!r}: {found} instead "
+            "of {expected}"
         )
+        about = {"name": segmentation.GetName(), "volume": reference.GetName()}
+        raise InputError(text.format(**about, found=array.shape[::-1], expected=expected[::-1]))
     return _placed(array.astype(np.int32), ijk_to_world(reference))
 
 
@@ -146,9 +153,9 @@ def outside_grids(transforms: Sequence, points: np.ndarray) -> list[str]:
         wide = size > 1
         outside = ((index < -0.5) | (index > size - 0.5))[:, wide].any(axis=1)
         if outside.any():
-            sentences.append(
-                f"{100 * outside.mean():.0f} % of the mesh nodes lie outside the grid of the "
-                f"transform {node.GetName()!r}: their displacement means nothing. Use a transform "
-                "that covers the segmentation."
+            text = _(
+                "{share:.0f} % of the mesh nodes lie outside the grid of the transform {name!r}: "
+                "their displacement means nothing. Use a transform that covers the segmentation."
             )
+            sentences.append(text.format(share=100 * outside.mean(), name=node.GetName()))
     return sentences

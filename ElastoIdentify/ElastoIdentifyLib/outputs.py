@@ -13,9 +13,16 @@ from elastoidentify.pipeline import Outcome
 from elastoidentify.results import QUANTITIES, Status
 from elastoidentify.vtk_io.arrays import rows_to_table, write_outcome
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk
 
 RESULT = "ElastoIdentify.Result"
+ASIDE = "ElastoIdentify.Aside"
+"""Attribute of the model of a result that a newer one has replaced; it holds the name it had."""
+
+REST = "ElastoIdentify.Rest"
+"""Reference of the model to its rest volume."""
+
 GREY = (0.55, 0.55, 0.55)
 
 
@@ -41,11 +48,32 @@ class Result:
 
 
 def make_result(outcome: Outcome, request, name: str = "Stiffness", show: str = "Mu") -> Result:
-    """Put an outcome of the pipeline into the scene and show it."""
-    name = slicer.mrmlScene.GenerateUniqueName(name)
+    """Put an outcome of the pipeline into the scene and show it: the whole of it, or nothing."""
+    before = set(_own_nodes())
+    try:
+        return _make_result(outcome, request, _free_name(name), show)
+    except BaseException:
+        for node in set(_own_nodes()) - before:
+            _remove(node)
+        raise
+
+
+def _free_name(name: str) -> str:
+    """Return the name, with a number where it is taken; MRML counts on where it is free again."""
+    taken = slicer.mrmlScene.GetFirstNodeByName(name) is not None
+    return slicer.mrmlScene.GenerateUniqueName(name) if taken else name
+
+
+def _own_nodes() -> list:
+    nodes = slicer.util.getNodesByClass("vtkMRMLNode")
+    return [node for node in nodes if node.GetAttribute(RESULT)]
+
+
+def _make_result(outcome: Outcome, request, name: str, show: str) -> Result:
     grid = result_grid(outcome)
     result = Result(_add("vtkMRMLModelNode", name))
     result.model.SetAndObserveMesh(grid)
+    result.model.SetNodeReferenceID(REST, request.restVolume.GetID())
     result.model.SetAttribute("ElastoIdentify.Unit", request.unit)
     result.colors = stiffness_colors()
     _display_model(result.model, planar=outcome.mesh.cells.shape[1] == 3)
@@ -54,7 +82,8 @@ def make_result(outcome: Outcome, request, name: str = "Stiffness", show: str = 
     geometry = _geometry(request.restVolume)
     edge = outcome.provenance["edge_length"]  # as used, which 0 leaves to the library
     for number, displacement in enumerate(outcome.displacements, 1):
-        node = _add("vtkMRMLGridTransformNode", f"{name}: displacement {number}")
+        title = _("{name}: displacement {number}").format(name=name, number=number)
+        node = _add("vtkMRMLGridTransformNode", title)
         _fill_transform(node, outcome.mesh.points, displacement, geometry, edge)
         result.transforms.append(node)
     result.table = _segment_table(outcome, name)
@@ -171,7 +200,7 @@ def _undetermined_model(grid, outcome: Outcome, name: str):
     part = vtk.vtkUnstructuredGrid()
     part.CopyStructure(extract.GetOutput())
     planar = outcome.mesh.cells.shape[1] == 3
-    model = _add("vtkMRMLModelNode", f"{name}: not determined")
+    model = _add("vtkMRMLModelNode", _("{name}: not determined").format(name=name))
     model.SetAndObserveMesh(part)
     _display_model(model, planar)
     display = model.GetDisplayNode()
@@ -199,7 +228,7 @@ def _geometry(volume) -> _Geometry:
     spacing = np.linalg.norm(matrix[:3, :3], axis=0)
     axes = matrix[:3, :3] / spacing
     if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-6:  # sheared: a grid needs right angles
-        axes, _ = np.linalg.qr(axes)
+        axes = np.linalg.qr(axes)[0]
     return _Geometry(matrix[:3, 3], axes, spacing)
 
 
@@ -244,7 +273,7 @@ def _fill_transform(node, points, displacement, geometry: _Geometry, edge_length
 
 def _segment_table(outcome: Outcome, name: str):
     """Return a table node with the rows of the result's statistics, one per segment."""
-    table = _add("vtkMRMLTableNode", f"{name}: segments")
+    table = _add("vtkMRMLTableNode", _("{name}: segments").format(name=name))
     table.SetAndObserveTable(rows_to_table(outcome.result.statistics))
     for column in (name for name in outcome.result.statistics[0] if _is_modulus(name)):
         table.SetColumnUnitLabel(column, outcome.result.statistics[0]["unit"])
@@ -257,24 +286,39 @@ def _is_modulus(column: str) -> bool:
 
 
 def _chart(table, request, name: str):
-    """Return a bar chart of the mean shear modulus of the segments."""
-    series = _add("vtkMRMLPlotSeriesNode", f"{name}: mean μ")
+    """Return a bar chart of the mean shear modulus of the segments.
+
+    Slicer's plots have no error bars, and numbers instead of names at the ticks: both are written
+    below the bars, in their order.
+    """
+    series = _add("vtkMRMLPlotSeriesNode", _("{name}: mean μ").format(name=name))
     series.SetAndObserveTableNodeID(table.GetID())
     series.SetPlotType(slicer.vtkMRMLPlotSeriesNode.PlotTypeBar)
     series.SetLabelColumnName("name")
     series.SetYColumnName("Mu mean")
     series.SetColor(0.2, 0.45, 0.6)
-    chart = _add("vtkMRMLPlotChartNode", f"{name}: chart")
+    chart = _add("vtkMRMLPlotChartNode", _("{name}: chart").format(name=name))
     chart.AddAndObservePlotSeriesNodeID(series.GetID())
-    chart.SetTitle("Mean shear modulus")  # longer ones are cut off in a quarter of a window
+    chart.SetTitle(_("Mean shear modulus"))  # longer ones are cut off in a quarter of a window
     chart.SetYAxisTitle(f"μ ({request.unit})")
-    # Slicer has numbers at the ticks; the names of the bars are below them, in their order.
-    segments = table.GetTable().GetColumnByName("name")
-    chart.SetXAxisTitle(
-        ", ".join(segments.GetValue(row) for row in range(segments.GetNumberOfValues()))
-    )
+    chart.SetXAxisTitle(", ".join(_bar_labels(table.GetTable())))
     chart.SetLegendVisibility(False)
     return chart
+
+
+def _bar_labels(rows) -> list[str]:
+    """Return name, mean and standard error of every row: ``tissue 1.04 ± 0.02``."""
+    found = []
+    for row in range(rows.GetNumberOfRows()):
+        name, given, mean, error = (
+            rows.GetValueByName(row, column)
+            for column in ("name", "given", "Mu mean", "Mu standard error")
+        )
+        text = f"{name.ToString()} {mean.ToDouble():.3g}"
+        if not given.ToInt() and np.isfinite(error.ToDouble()):
+            text += f" ± {error.ToDouble():.1g}"
+        found.append(text)
+    return found
 
 
 # ---- the folder
@@ -282,7 +326,9 @@ def _chart(table, request, name: str):
 
 def _file_together(result: Result, name: str) -> None:
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
-    result.folder = hierarchy.CreateFolderItem(hierarchy.GetSceneItemID(), f"{name} map")
+    result.folder = hierarchy.CreateFolderItem(
+        hierarchy.GetSceneItemID(), _("{name} map").format(name=name)
+    )
     series = result.chart.GetNthPlotSeriesNode(0)
     for node in [*result.nodes(), series]:
         item = hierarchy.GetItemByDataNode(node)
@@ -304,16 +350,104 @@ def _remove(node) -> None:
             slicer.mrmlScene.RemoveNode(one)
 
 
-def remove_result(model) -> None:
-    """Remove the result that a model node belongs to: its folder and what this module put there."""
+def _folder_of(model) -> tuple[object, int, list]:
+    """Return the hierarchy, the folder of a result, and what this module put there."""
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(model))
     children = vtk.vtkIdList()
     hierarchy.GetItemChildren(folder, children)
-    for position in range(children.GetNumberOfIds()):
-        node = hierarchy.GetItemDataNode(children.GetId(position))
-        if node is not None and node.GetAttribute(RESULT):
-            _remove(node)
+    items = [children.GetId(position) for position in range(children.GetNumberOfIds())]
+    nodes = [hierarchy.GetItemDataNode(item) for item in items]
+    nodes = [node for node in nodes if node is not None and node.GetAttribute(RESULT)]
+    return hierarchy, folder, nodes
+
+
+def remove_result(model) -> None:
+    """Remove the result that a model node belongs to: its folder and what this module put there."""
+    hierarchy, folder, nodes = _folder_of(model)
+    for node in nodes:
+        _remove(node)
+    children = vtk.vtkIdList()
     hierarchy.GetItemChildren(folder, children)
     if folder != hierarchy.GetSceneItemID() and not children.GetNumberOfIds():
         hierarchy.RemoveItem(folder)
+
+
+# ---- the result before
+
+
+def previous_result():
+    """Return the model of the result that was put aside, or None."""
+    return next((node for node in _own_nodes() if node.GetAttribute(ASIDE)), None)
+
+
+def put_aside(model) -> None:
+    """Hide a result and free its name; it is kept until another one is put aside."""
+    name = model.GetName()
+    _rename(model, name, _("{name} (previous)").format(name=name))
+    model.SetAttribute(ASIDE, name)
+    _set_visible(model, False)
+
+
+def take_back(model) -> None:
+    """Show a result that was put aside under the name that it had."""
+    name = model.GetAttribute(ASIDE)
+    _rename(model, model.GetName(), name)
+    model.RemoveAttribute(ASIDE)
+    _set_visible(model, True)
+
+
+def _rename(model, old: str, new: str) -> None:
+    """Change the name of a result in those of all its nodes and of its folder."""
+    hierarchy, folder, nodes = _folder_of(model)
+    for node in nodes:
+        node.SetName(node.GetName().replace(old, new, 1))
+    if folder != hierarchy.GetSceneItemID():
+        hierarchy.SetItemName(folder, hierarchy.GetItemName(folder).replace(old, new, 1))
+
+
+def _set_visible(model, visible: bool) -> None:
+    """Show or hide the models of a result, and the legend."""
+    for node in _folder_of(model)[2]:
+        if node.IsA("vtkMRMLModelNode"):
+            node.GetDisplayNode().SetVisibility(visible)
+    legend = slicer.modules.colors.logic().GetColorLegendDisplayNode(model)
+    if legend is not None:
+        legend.SetVisibility(visible)
+
+
+def replace_result(old, make) -> Result:
+    """Make a result in the place of an old one, which stays as it is if that fails.
+
+    Parameters
+    ----------
+    old : vtkMRMLModelNode or None
+        Of another result or of something else: then nothing is replaced.
+    make : callable
+        Returns the new Result.
+    """
+    if old is None or not old.GetAttribute(RESULT):
+        return make()
+    forgotten = previous_result()
+    if old.GetAttribute(ASIDE):
+        return make()
+    put_aside(old)
+    try:
+        result = make()
+    except BaseException:
+        take_back(old)
+        raise
+    if forgotten is not None:
+        remove_result(forgotten)
+    return result
+
+
+def exchange(current):
+    """Take back the result that was put aside and put the current one there; returns its model."""
+    previous = previous_result()
+    if previous is None:
+        return current
+    if current is not None and current.GetAttribute(RESULT) and current is not previous:
+        put_aside(current)
+    take_back(previous)
+    return previous

@@ -131,7 +131,7 @@ def add_widgets(layout, ui, tr) -> dict:
     for name, option in options().items():
         if any(hasattr(ui, f"{field(name)}{kind}") for kind in _KINDS):
             continue
-        widget = _widget(option)
+        widget = _widget(option, tr)
         widget.objectName = f"{field(name)}Option"
         widget.setProperty("SlicerParameterName", field(name))
         widget.toolTip = tr(option.__doc__)
@@ -149,7 +149,7 @@ def label(option: Option) -> str:
     return option.name.replace("_", " ").capitalize() + unit
 
 
-def _widget(option: Option):
+def _widget(option: Option, tr):
     if isinstance(option, Choice):
         widget = qt.QComboBox()
         widget.addItems(list(option.choices))
@@ -161,6 +161,8 @@ def _widget(option: Option):
         widget.setRange(*(low, min(high, 2**31 - 1)) if option.kind is int else (low, high))
         if option.kind is float:
             widget.setDecimals(4)
+        if option.own_choice == low:
+            widget.specialValueText = tr("automatic")
     else:
         widget = qt.QLineEdit()
     return widget

@@ -11,11 +11,17 @@ from elastoidentify.errors import InputError
 from elastoidentify.imaging.slices import slice_of_image
 from elastoidentify.options import Rows
 from elastoidentify.study import Study
+from slicer.i18n import tr as _
 
 from . import images, parameters
 
 KNOWN, UNKNOWN, RIGID, LEFT_OUT = "known", "unknown", "rigid", "left out"
 ROLES = (UNKNOWN, KNOWN, RIGID, LEFT_OUT)
+
+
+def role_names() -> list[str]:
+    """Return what the roles are called in the user's language, in the order of :data:`ROLES`."""
+    return [_("unknown"), _("known"), _("rigid"), _("left out")]
 
 
 @dataclass
@@ -142,30 +148,31 @@ class Request:
         if use_transforms is None:
             use_transforms = bool(self.transforms)
         if self.restVolume is None:
-            return "choose a rest volume"
+            return _("choose a rest volume")
         if use_transforms and not self.transforms:
-            return "choose a transform per trial"
+            return _("choose a transform per trial")
         if not use_transforms and not self.pushedVolumes:
-            return "choose pushed volumes"
+            return _("choose pushed volumes")
         if not use_transforms and self.restVolume in self.pushedVolumes:
-            return "the rest volume is also chosen as pushed"
+            return _("the rest volume is also chosen as pushed")
         if self.segmentation is None:
-            return "choose a segmentation"
+            return _("choose a segmentation")
         segments = self.segments().values()
         if not segments:
-            return "the segmentation has no segment to use"
-        known = [(name, material) for _, name, material in segments if material.role == KNOWN]
+            return _("the segmentation has no segment to use")
+        known = [(name, material) for label, name, material in segments if material.role == KNOWN]
         if not known:
-            return "say which segment is known"
-        if not any(material.role == UNKNOWN for _, _, material in segments):
-            return "no segment is unknown"
+            return _("say which segment is known")
+        if not any(material.role == UNKNOWN for *names, material in segments):
+            return _("no segment is unknown")
         for name, material in known:
             if not material.young > 0:
-                return f"Young's modulus of {name} must be positive"
+                return _("Young's modulus of {name} must be positive").format(name=name)
             if not -1 < material.poisson < 0.5:
-                return f"Poisson's ratio of {name} must be between -1 and 0.5"
+                text = _("Poisson's ratio of {name} must be between -1 and 0.5")
+                return text.format(name=name)
         if self.edgeLength < 0:
-            return "the edge length must be positive"
+            return _("the edge length must be positive")
         return ""
 
     def study(self) -> Study:
@@ -186,7 +193,8 @@ class Request:
         present = set(np.unique(_at(labels, axis, index).array).tolist())
         for label, name, material in segments.values():
             if label not in present and material.role == KNOWN:
-                raise InputError(f"the known segment {name!r} is not in this slice: choose another")
+                text = _("the known segment {name!r} is not in this slice: choose another")
+                raise InputError(text.format(name=name))
         return Study(
             segmentation=labels,
             rest=rest,
@@ -230,7 +238,7 @@ class Request:
 
     def names(self) -> dict[int, str]:
         """Return {label: name of the segment}."""
-        return {label: name for label, name, _ in self.segments().values()}
+        return {label: name for label, name, material in self.segments().values()}
 
     def inputs(self) -> dict:
         """Return names and fingerprints of the volumes, for the provenance."""

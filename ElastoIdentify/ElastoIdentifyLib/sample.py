@@ -1,4 +1,4 @@
-"""Nodes to try the module on: the phantom of Sample Data, and a push with a known answer."""
+"""Nodes to try the module on: the phantoms of Sample Data, and a push with a known answer."""
 
 import numpy as np
 import slicer
@@ -6,6 +6,7 @@ import vtk
 from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import solve_push
 from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.phantom import Ball, make_phantom_volume
 from elastoidentify.imaging.phantom.planar import (
     FLOOR,
     INCLUSION,
@@ -17,6 +18,7 @@ from elastoidentify.imaging.phantom.planar import (
 )
 from elastoidentify.imaging.phantom.push_quads import solve_pushes_on_quads
 from elastoidentify.pipeline import make_mesh
+from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk
 
 from .request import KNOWN, RIGID, Material, Request, tag_segment
@@ -91,7 +93,7 @@ def add_phantom(progress=None) -> list:
     list
         Its nodes, the rest volume first.
     """
-    with slicer.util.tryWithErrorDisplay("The phantom could not be made.", waitCursor=True):
+    with slicer.util.tryWithErrorDisplay(_("The phantom could not be made."), waitCursor=True):
         phantom = make_phantom(
             None,
             inclusions=[Inclusion(contrast=3.0)],
@@ -100,6 +102,26 @@ def add_phantom(progress=None) -> list:
             progress=progress,
         )
         inputs = phantom_nodes(phantom)
+    return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
+
+
+def add_phantom_volume(progress=None) -> list:
+    """Add the 3-D phantom of Sample Data: a stiff ball under a pad, 3 times its surroundings.
+
+    Parameters
+    ----------
+    progress : callable(fraction, text), optional
+
+    Returns
+    -------
+    list
+        Its nodes, the rest volume first.
+    """
+    with slicer.util.tryWithErrorDisplay(_("The phantom could not be made."), waitCursor=True):
+        phantom = make_phantom_volume(
+            balls=[Ball(z=0.4, radius=0.25)], voxels=40, elements=8, progress=progress
+        )
+        inputs = phantom_nodes(phantom, "Phantom 3-D")
     return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
 
 

@@ -10,6 +10,9 @@ from .outputs import show_quantity
 LAYOUT = 7137
 """Number of the module's layout; Slicer's own end at 100."""
 
+EDGEWISE = 0.2
+"""Sine of the angle between line of sight and plane below which a plane map is not seen."""
+
 LAYOUT_DESCRIPTION = """
 <layout type="vertical" split="true">
  <item splitSize="600">
@@ -101,9 +104,7 @@ def turn_camera(view_node, model, slice_node) -> None:
     Slicer's own reset of a view keeps the axis along which it looks; a plane may be seen along its
     edge then, which shows nothing.
     """
-    name = view_node.GetLayoutName()
-    cameras = slicer.util.getNodesByClass("vtkMRMLCameraNode")
-    camera = next((camera for camera in cameras if camera.GetLayoutName() == name), None)
+    camera = _camera_of(view_node)
     if camera is None:
         return
     right, up = slicer.util.arrayFromVTKMatrix(slice_node.GetSliceToRAS())[:3, :2].T
@@ -119,6 +120,32 @@ def turn_camera(view_node, model, slice_node) -> None:
     camera.SetViewUp(*up)
     camera.EndModify(was_modified)
     camera.ResetClippingRange()
+
+
+def mend_camera(model) -> None:
+    """Turn the camera to a plane map that it sees along its edge, as a closed scene leaves it.
+
+    A view that shows the map is left as it is.
+    """
+    if slicer.app.layoutManager() is None or model is None or model.GetMesh() is None:
+        return
+    view = slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLViewNode")
+    camera = None if view is None else _camera_of(view)
+    red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
+    if camera is None or red is None:
+        return
+    points = vtk_to_numpy(model.GetMesh().GetPoints().GetData())
+    sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
+    sight = np.subtract(camera.GetFocalPoint(), camera.GetPosition())
+    flat = sizes[2] < 1e-3 * sizes[1]
+    if flat and abs(axes[2] @ sight) < EDGEWISE * np.linalg.norm(sight):
+        turn_camera(view, model, red)
+
+
+def _camera_of(view_node):
+    name = view_node.GetLayoutName()
+    cameras = slicer.util.getNodesByClass("vtkMRMLCameraNode")
+    return next((camera for camera in cameras if camera.GetLayoutName() == name), None)
 
 
 def show_volume(volume) -> None:

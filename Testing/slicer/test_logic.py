@@ -2,6 +2,7 @@
 
 import json
 import os
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from elastoidentify import InputError, identify  # noqa: E402
 from elastoidentify.errors import Cancelled  # noqa: E402
 from elastoidentify.imaging.image import Image  # noqa: E402
 from elastoidentify.imaging.meshing import mesh_segmentation  # noqa: E402
+from elastoidentify.imaging.phantom import make_phantom_volume  # noqa: E402
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom  # noqa: E402
 from elastoidentify.imaging.registration import Registration  # noqa: E402
 from elastoidentify.options import keywords  # noqa: E402
@@ -31,7 +33,12 @@ from ElastoIdentifyLib.request import (  # noqa: E402
 from stored_registration import only_read, stored_outcome  # noqa: E402
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
 
-from ElastoIdentify import ElastoIdentifyLogic, ElastoIdentifyTest, loadSample  # noqa: E402
+from ElastoIdentify import (  # noqa: E402
+    ElastoIdentifyLogic,
+    ElastoIdentifyTest,
+    loadSample,
+    loadSampleVolume,
+)
 
 FLIP = np.array([-1.0, -1.0, 1.0])
 CELL_ARRAYS = (
@@ -299,6 +306,10 @@ def test_table_holds_the_statistics_of_each_segment():
     medians = [float(value) for value in column["YoungModulus median"]]
     assert np.allclose(medians, [young[2], young[3]], rtol=1e-6)
     series = result.chart.GetNthPlotSeriesNode(0)
+    error = float(column["Mu standard error"][1])
+    written = result.chart.GetXAxisTitle()
+    assert written.startswith("pad 1.92, tissue 5.77")  # what is given has no error
+    assert not np.isfinite(error) or written.endswith(f" ± {error:.1g}")
     assert series.GetYColumnName() in column
     assert series.GetLabelColumnName() in column
 
@@ -433,6 +444,17 @@ def test_the_sample_is_made_without_network_and_says_what_its_segments_are(monke
         "indenter": "rigid",
         "floor": "rigid",
     }
+
+
+def test_the_3d_sample_is_a_volume_that_only_needs_apply(monkeypatch):
+    monkeypatch.setattr(slicer.util, "showStatusMessage", lambda text, _: None)
+    small = partial(make_phantom_volume, voxels=16, elements=4)
+    monkeypatch.setattr(sample, "make_phantom_volume", lambda **o: small(balls=o["balls"]))
+    rest, *pushed, segmentation = loadSampleVolume()
+    assert min(rest.GetImageData().GetDimensions()) > 8
+    assert len(pushed) >= 2
+    request = Request(restVolume=rest, pushedVolumes=pushed, segmentation=segmentation)
+    assert request.missing() == ""
 
 
 def test_phantom_images_lie_where_the_library_puts_them():

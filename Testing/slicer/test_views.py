@@ -9,7 +9,7 @@ from elastoidentify.vtk_io.convert import mesh_to_vtk  # noqa: E402
 from ElastoIdentifyLib import images, sample  # noqa: E402
 from ElastoIdentifyLib.outputs import cube_helix  # noqa: E402
 from ElastoIdentifyLib.request import Request  # noqa: E402
-from ElastoIdentifyLib.views import turn_to_map  # noqa: E402
+from ElastoIdentifyLib.views import mend_camera, turn_to_map  # noqa: E402
 from standins.application import LayoutManager  # noqa: E402
 from standins.views import slice_view, space_view  # noqa: E402
 
@@ -146,6 +146,26 @@ def test_the_map_is_seen_in_the_3d_view_with_the_camera_that_slicer_starts_with(
     low, high = (cube_helix(np.array([b]))[0] * 255 for b in (0.15, 0.85))
     assert share_of(after, low) > 0.03
     assert share_of(after, high) > 0.08
+
+
+def test_a_camera_that_sees_the_map_along_its_edge_is_turned_and_another_is_left(layouts):
+    """As in a scene that is opened where another was closed: the camera stands at its start."""
+    inputs, _ = sample.add_exact_push()
+    result = ElastoIdentifyLogic().process(**inputs)
+    ElastoIdentifyLogic.showResult(result, Request(**inputs))
+    with space_view(node=views_of_layout(layouts)["vtkMRMLViewNode"]) as space:
+        camera = slicer.util.getNodesByClass("vtkMRMLCameraNode")[0]
+        camera.SetFocalPoint(0, 0, 0)
+        camera.SetPosition(0, 500, 0)
+        camera.SetViewUp(0, 0, 1)
+        mend_camera(result.model)
+        seen = space.array()
+        place = camera.GetPosition()
+        mend_camera(result.model)
+        assert camera.GetPosition() == place
+    low, high = (cube_helix(np.array([b]))[0] * 255 for b in (0.15, 0.85))
+    assert share_of(seen, low) > 0.03
+    assert share_of(seen, high) > 0.08
 
 
 def test_without_a_main_window_nothing_is_shown_and_nothing_fails():

@@ -2,10 +2,10 @@
 
 start.sh FOLDER --python-script /helpers/tour.py OUTPUT_FOLDER [PART...]
 
-Parts, in this order: sample cancel apply views scene files editor selftest. cancel and apply need
-sample before them, views needs apply, scene and files need apply or saved, which opens the scene of
-an earlier tour. Ends with a
-line per check, and with the exit code 1 if one of them failed.
+Parts, in this order: sample cancel apply views again exports scene files editor volume selftest.
+cancel and apply need sample before them, views, again and exports need apply, scene and files need
+apply or saved, which opens the scene of an earlier tour. Ends with a line per check, and with the
+exit code 1 if one of them failed.
 """
 
 import glob
@@ -22,7 +22,8 @@ import mouse
 from mouse import until
 
 OUTPUT = Path(sys.argv[1] if len(sys.argv) > 1 else "/tmp/tour").resolve()
-ALL = ("sample", "cancel", "apply", "views", "scene", "files", "editor", "selftest")
+ALL = ("sample", "cancel", "apply", "views", "again", "exports", "scene", "files", "editor")
+ALL += ("volume", "selftest")
 PARTS = sys.argv[2:] or ALL
 checks = []
 
@@ -100,7 +101,8 @@ def sample():
     shown = [
         b for b in slicer.util.findChildren(widget, className="QToolButton") if "phantom" in b.text
     ]
-    check("Sample Data has the phantom's button", len(shown) == 1)
+    check("Sample Data has the phantoms' buttons", len(shown) == 2, [b.text for b in shown])
+    shown = [b for b in shown if "3-D" not in b.text]
     scroll = widget.parent()
     while scroll is not None and not scroll.inherits("QScrollArea"):
         scroll = scroll.parent()
@@ -155,6 +157,8 @@ def inputs():
     )
     scroll(ui.edgeLengthSpinBox)
     yield 0.3
+    check("edge length is automatic", ui.edgeLengthSpinBox.text == "automatic")
+    photo("panel-method")
     mouse.click(ui.edgeLengthSpinBox, 20, None, times=3)
     mouse.keys("ctrl+a")
     mouse.write("7")
@@ -217,6 +221,7 @@ def cancel():
 def apply():
     """A map of the phantom."""
     ui = panel().ui
+    panel()._parameterNode.cache = str(OUTPUT / "cache")  # the next map of it is there at once
     scroll(ui.applyButton)
     yield 0.3
     mouse.click(ui.applyButton)
@@ -265,18 +270,22 @@ def bright_part(widget):
     return len(colours) / (image.width() // 4 * (image.height() // 4))
 
 
+def sight():
+    """Return the angle between the line of sight and the normal of the plane map, in degrees."""
+    view = slicer.app.layoutManager().threeDWidget(0).threeDView().mrmlViewNode()
+    camera = slicer.modules.cameras.logic().GetViewActiveCameraNode(view)
+    points = slicer.util.arrayFromModelPoints(panel()._parameterNode.resultModel)
+    normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
+    line = np.array(camera.GetFocalPoint()) - np.array(camera.GetPosition())
+    return np.degrees(np.arccos(min(1, abs(normal @ line) / np.linalg.norm(line))))
+
+
 def views():
     """The layout after Apply: what its four parts show."""
     manager = slicer.app.layoutManager()
     check("the module's layout is shown", manager.layout > 100, manager.layout)
     check("one 3-D view", manager.threeDViewCount == 1)
-    three = manager.threeDWidget(0).threeDView()
-    camera = slicer.modules.cameras.logic().GetViewActiveCameraNode(three.mrmlViewNode())
-    model = panel()._parameterNode.resultModel
-    points = slicer.util.arrayFromModelPoints(model)
-    normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
-    sight = np.array(camera.GetFocalPoint()) - np.array(camera.GetPosition())
-    angle = np.degrees(np.arccos(abs(normal @ sight) / np.linalg.norm(sight)))
+    model, angle = panel()._parameterNode.resultModel, sight()
     check("the camera does not look along the plane's edge", angle < 60, f"{angle:.0f} degrees")
     check(
         "3-D view shows colours",
@@ -313,6 +322,78 @@ def views():
     yield 1
 
 
+def again():
+    """A second map puts the first one aside; a click brings it back."""
+    ui = panel().ui
+    first = panel()._parameterNode.resultModel
+    scroll(ui.applyButton)
+    yield 0.3
+    mouse.click(ui.applyButton)
+    yield 1
+    yield until("the second map", lambda: panel().run is None, 900)
+    yield 2
+    second = panel()._parameterNode.resultModel
+    check("another model", second is not None and second is not first)
+    check("the first is put aside", first.GetName() == "Stiffness (previous)", first.GetName())
+    check("and hidden", not first.GetDisplayNode().GetVisibility())
+    check("the second has its name", second.GetName() == "Stiffness", second.GetName())
+    scroll(ui.restoreButton)
+    yield 0.5
+    mouse.click(ui.restoreButton)
+    yield 1
+    check("the first is back", panel()._parameterNode.resultModel is first, first.GetName())
+    check("and seen", first.GetDisplayNode().GetVisibility())
+    photo("restored")
+
+
+def exports():
+    """What radiologists take away: a page by the button, DICOM and NIfTI by the logic."""
+    ui = panel().ui
+    folder = OUTPUT / "exports"
+    folder.mkdir(parents=True, exist_ok=True)
+    model = panel()._parameterNode.resultModel
+    scroll(ui.exportHtmlButton)
+    yield 0.5
+    mouse.click(ui.exportHtmlButton)
+    yield 2
+    photo("export")
+    mouse.keys("ctrl+a")
+    mouse.write(str(folder / "map.html"))
+    mouse.keys("Return")
+    yield until("the page", lambda: (folder / "map.html").exists(), 120)
+    yield 1
+    check("the status line names the page", "map.html" in ui.statusLabel.text, ui.statusLabel.text)
+    for kind, target in (("nifti", folder / "map"), ("dicom", folder / "dicom")):
+        try:
+            files = panel().logic.export(model, kind, str(target), ask=False)
+            check(f"{kind} files are there", all(file.exists() for file in files), len(files))
+        except Exception as problem:
+            check(f"{kind} files are there", False, repr(problem))
+        yield 0.5
+
+
+def volume():
+    """The 3-D phantom of Sample Data, with one value per segment."""
+    slicer.mrmlScene.Clear(0)
+    yield 1
+    import ElastoIdentify
+
+    rest, *pushed, segmentation = ElastoIdentify.loadSampleVolume()
+    yield 2
+    slicer.util.selectModule("ElastoIdentify")
+    yield 1
+    parameters = panel()._parameterNode
+    parameters.restVolume, parameters.pushedVolumes = rest, pushed
+    parameters.segmentation, parameters.wholeVolume = segmentation, True
+    parameters.edgeLength, parameters.grouping = 11.0, "label"
+    yield 1
+    mouse.click(panel().ui.applyButton)
+    yield until("the 3-D map", lambda: panel().run is None, 1800)
+    yield 3
+    photo("volume")
+    check("there is a 3-D map", parameters.resultModel is not None, panel().ui.statusLabel.text)
+
+
 def saved():
     """Open the scene of an earlier tour in a Slicer that has just started."""
     slicer.util.selectModule("ElastoIdentify")
@@ -340,6 +421,8 @@ def scene():
     photo("loaded")
     parameters = panel()._parameterNode
     check("the result is chosen again", parameters.resultModel is not None)
+    angle = sight()
+    check("the 3-D view does not look along the map's edge", angle < 75, f"{angle:.0f} degrees")
     after = slicer.util.arrayFromModelCellData(parameters.resultModel, "Mu")
     check("the same moduli", np.array_equal(before, after, equal_nan=True))
     check(
