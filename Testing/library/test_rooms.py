@@ -17,6 +17,7 @@ FLOORS = [
     ["imaging"],
     ["provenance"],
     ["pipeline"],
+    ["planning"],
     ["report"],
     ["vtk_io"],
     ["filters"],

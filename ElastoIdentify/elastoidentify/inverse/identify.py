@@ -30,6 +30,7 @@ from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
 from .poisson import free as free_ratio
 from .problem import Problem
+from .ratio_checks import mean_strains
 from .statistics import CellErrors, cell_errors, label_statistics
 from .verdict import judge, one_direction
 
@@ -205,6 +206,7 @@ def identify(
     result.residuals = frame.to_world(residuals)
     result.report |= {
         "kinematics": kinematics, "unknowns": unknowns, "grouping": grouping,
+        "strains": mean_strains(problem),
         "requested_method": method, "trials": len(trials),
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
         "large_push": large_push, "contact": contact,

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from ..fem.elastic_constants import young_from_lame
 from .poisson import of_unit_young
 
-# shifts of ν worth a sentence: of known cells (the map feels it little), of unknown ones
+# shifts of ν worth a sentence, of known cells (which the map feels little) and of unknown ones
 NOTABLE = {True: 0.02, False: 0.01}
 CERTAIN = 4.0  # and how many standard deviations they must be
 
@@ -148,25 +148,13 @@ def mean_strains(problem) -> list[dict]:
     return rows
 
 
-def ratio_warnings(rows: list[dict]) -> list[str]:
-    """Return a sentence for each given ν that the displacements contradict."""
-    sentences = []
-    for row in rows:
-        if not contradicts(row):
-            continue
-        shown = min(max(row["shown"], -0.99), 0.5)
-        start = (
-            f"Poisson's ratio of label {row['label']} was given as {row['given']:.3g}, but its "
-            f"displacements show about {shown:.2f}: "
-        )
-        sentences.append(
-            start
-            + (
-                "check it; if it is right, the body moves out of the imaged plane or slips, and "
-                "the map cannot be relied on"
-                if row["known"]
-                else "a map with a wrong ratio shows lesions that are not there; let it be "
-                "estimated (unknowns 'young' with a standard deviation of Poisson's ratio of 0.05)"
-            )
-        )
-    return sentences
+def reason(row: dict) -> str:
+    """Say that the displacements contradict a ν that was given, and what to try."""
+    what = "which was not asked to be estimated: it makes lesions that are not there; let it be "
+    what += "estimated (unknowns 'young', standard deviation of Poisson's ratio 0.05)"
+    if row["known"]:
+        what = "so check it; if it is right, the body moves out of the imaged plane, or slips"
+    return (
+        f"Poisson's ratio of label {row['label']} was given as {row['given']:.3g}, and its "
+        f"displacements show about {min(max(row['shown'], -0.99), 0.5):.2f}, {what}"
+    )

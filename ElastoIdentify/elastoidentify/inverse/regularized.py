@@ -30,7 +30,7 @@ from .out_of_plane import StretchParameters, warnings_of
 from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
-from .ratio_checks import ratio_checks, ratio_warnings
+from .ratio_checks import ratio_checks
 from .visibility import smallest_visible
 
 VARIATIONAL_STEPS, SHARPENING_STEPS, POSTERIOR_STEPS = 20, 15, 2
@@ -164,9 +164,9 @@ class _Fit:
         if not len(self.variation):  # else the system is that of the last samples
             self.factorise()
         self._mesh_bias()
-        self._model_misfit()
-        self.at = (0.99, "regularized: Poisson's ratios that were given")
+        self.at = (0.985, "regularized: Poisson's ratios that were given")
         self.checks = ratio_checks(self)
+        self._model_misfit()
         self._visibility()
         return self._estimate()
 
@@ -305,7 +305,7 @@ class _Fit:
             "poisson_checks": self.checks,
             "convergence": self.log,
         }
-        warnings += far_warnings(ratios) + ratio_warnings(self.checks) + warnings_of(stretches)
+        warnings += far_warnings(ratios) + warnings_of(stretches)
         order = np.full(len(lam), -1)
         return Estimate(
             lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained,

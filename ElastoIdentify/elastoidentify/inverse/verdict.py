@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .ratio_checks import contradicts, reason
+
 NOISE_FACTOR = 1.6
 """Found over stated noise from which the model is in doubt.
 
@@ -46,14 +48,17 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
             f"the displacements miss the balance of forces by {factor:.2g} times what their stated "
             "noise explains, so something that is assumed is not so: the pad may slip, the tissue "
             "may move out of the imaged plane, Poisson's ratio may be wrong, or something may push "
-            "at a border; try unknowns 'lambda-mu', slip, a stretch out of the plane "
-            "(out_of_plane_std 0.01), plane stress, or reaction nodes at that border"
+            "at a border; try a standard deviation of Poisson's ratio, slip, a stretch out of the "
+            "plane (out_of_plane_std 0.01), plane stress, or reaction nodes at that border"
         )
     cells = report["cells"]
     unknown = sum(cells.values()) - cells["known"]
     open_share = cells["not_determined"] / max(unknown, 1)
     if open_share == 1:
-        bad.append("nothing could be determined")
+        bad.append(
+            "nothing could be determined; for a nearly incompressible tissue try unknowns 'young' "
+            "with Poisson's ratio 0.45 and its standard deviation 0.05"
+        )
     elif open_share > 0.3:
         doubtful.append(f"{open_share:.0%} of the unknown cells are not determined")
     if cells["out_of_range"] > 0.02 * unknown:
@@ -67,6 +72,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     local = report.get("model_misfit")
     if local and local["share"] > SOME_MISFIT:
         (bad if local["share"] > MUCH_MISFIT else doubtful).append(_where(local))
+    for row in filter(contradicts, report.get("poisson_checks", ())):
+        (doubtful if row["known"] else bad).append(reason(row))
     if one_direction and report["grouping"] == "cell":
         doubtful.append(
             "all pushes have one direction, which cannot tell a stiff cell from the path of the "
