@@ -190,7 +190,7 @@ def make_parser() -> Parser:
     add_options(one, ReadOptions)
     _output(one)
     one = add(commands.register)
-    one.add_argument("--mesh", required=True, metavar="MESH.vtu")
+    one.add_argument("--mesh", required=True, metavar="MESH.vtu", help="of the command mesh")
     add_options(one, RegistrationOptions)
     add_options(one, ReadOptions)
     _output(one)
@@ -218,7 +218,7 @@ def make_parser() -> Parser:
 
 
 def _output(parser) -> None:
-    parser.add_argument("-o", "--output", required=True, metavar="OUT.vtu")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.vtu", help="file to write")
 
 
 def _mesh(parser, leave_out=()) -> None:
@@ -366,21 +366,26 @@ def _phantom(parser) -> None:
     add("--slipping", action="store_true", help="the pad slides on the tissue; without --3d")
     add("--hidden", action="store_true", help="the segmentation does not show the inclusions")
     add("--pad", type=float, default=0.25, help="thickness of the pad, share of the height")
-    add("--tissue-young", type=float, default=3000.0, metavar="PA")
-    add("--pad-young", type=float, default=5000.0, metavar="PA")
-    add("--poisson", type=float, default=0.45, metavar="NU")
+    add("--tissue-young", type=float, default=3000.0, metavar="PA", help="E (default 3000)")
+    add("--pad-young", type=float, default=5000.0, metavar="PA", help="E (default 5000)")
+    add("--poisson", type=float, default=0.45, metavar="NU", help="of all (default 0.45)")
     add("--noise", type=float, default=0.02, help="Rician, share of the signal (default 0.02)")
-    add("--seed", type=int, default=0)
+    add("--seed", type=int, default=0, help="of noise and speckle (default 0)")
     add("--width", type=float, metavar="MM", help="of the block")
     add("--height", type=float, metavar="MM", help="of the block (default: its width)")
     add("--pixels", type=int, help="across the block (default 208; with --3d 48)")
     add("--anisotropy", type=float, default=1.0, help="height over width of a pixel")
-    add("--kinematics", choices=(LAWS[0], LAWS[2]), default=LAWS[0])
+    add(
+        "--kinematics",
+        choices=(LAWS[0], LAWS[2]),
+        default=LAWS[0],
+        help="law of the push (default small-strain)",
+    )
 
 
 def _displacement(parser) -> None:
     add = parser.add_argument
-    add("--mesh", required=True, metavar="MESH.vtu")
+    add("--mesh", required=True, metavar="MESH.vtu", help="of the command mesh")
     for kind, text in (
         ("field", "image of displacement vectors"),
         ("transform", "ITK transform file, rest to pushed"),
