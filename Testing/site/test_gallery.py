@@ -19,10 +19,8 @@ IMAGES = {"slice", "hidden_lesion", "region"}  # they register images
 
 def needs(name: str) -> None:
     """Skip an example for which this machine lacks something."""
-    if name in IMAGES | {"cohort"} and not has_elastix():
+    if name in IMAGES and not has_elastix():
         host_missing("itk-elastix is not installed", 'pip install ".[all]"')
-    if name == "cohort":
-        pytest.importorskip("snakebids", reason="needs snakebids: pip install .[cohort]")
     if name == "paraview_script" and not (shutil.which("pvpython") and shutil.which("xvfb-run")):
         host_missing("pvpython or xvfb-run is missing", "sudo apt-get install paraview xvfb")
 
@@ -34,7 +32,7 @@ def test_the_example_prints_what_its_page_says(name, tmp_path):
     printed = make.run(name, tmp_path)
     text = (DOCS / "examples" / f"{name}.md").read_text(encoding="utf-8")
     check(printed, re.search(r"```text\n(.*?)```", text, re.S).group(1), rtol=0.15)
-    assert name == "cohort" or (tmp_path / f"{name}.png").stat().st_size > 5000
+    assert (tmp_path / f"{name}.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize("name", make.ORDER)

@@ -89,7 +89,9 @@ def test_the_site_has_a_description_of_every_public_name(site):
 def test_the_list_of_pages_is_that_of_the_site():
     listed = set(re.findall(r"\]\(([\w-]+)\.md\)", read(DOCS / "README.md")))
     toctrees = re.findall(r"```\{toctree\}(.*?)```", read(DOCS / "index.md"), re.S)
-    shown = {line for tree in toctrees for line in tree.split("\n") if re.fullmatch(r"[\w-]+", line)}
+    shown = {
+        line for tree in toctrees for line in tree.split("\n") if re.fullmatch(r"[\w-]+", line)
+    }
     assert shown == listed == {page.stem for page in DOCS.glob("*.md")} - {"README", "index"}
 
 

@@ -1,7 +1,7 @@
 """The map as DICOM, read back
 
-A map leaves as DICOM Parametric Maps in kPa with the code for elasticity, on the rest image's grid;
-labels as a segmentation. `elastoidentify run --dicom FOLDER` does the same.
+A map leaves as DICOM Parametric Maps in kPa with the code for elasticity, on the rest image's
+grid; labels as a segmentation. `elastoidentify run --dicom FOLDER` does the same.
 """
 
 import numpy as np

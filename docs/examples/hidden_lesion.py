@@ -1,7 +1,8 @@
 """A lesion that nobody has drawn
 
-The same block, but the segmentation knows only pad and tissue. Every cell has its own λ and μ; the
-lesion is where the map says so.
+The same block, but the segmentation knows only pad and tissue. Every cell has its own λ and μ;
+the lesion is where the map says so. A smaller, stiffer lesion moves nearly as a larger, softer
+one: read where it is and that it is stiff, and its value with care.
 """
 
 import numpy as np

@@ -27,7 +27,6 @@ ORDER = {
     "repeatability": "seconds",
     "dicom": "seconds",
     "paraview_script": "seconds",
-    "cohort": "minutes",
 }
 """The examples in the order of the gallery, and how long each takes."""
 

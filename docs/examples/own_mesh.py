@@ -1,8 +1,8 @@
 """Your own mesh and displacements, with numpy and scipy only
 
 The square of the source paper: 32 triangles, the upper half known, two large pushes. With exact
-displacements the Lamé constants come out to round-off; with noise of 0.02 % of the push every value comes
-with its standard deviation.
+displacements the Lamé constants come out to round-off; with noise of 0.02 % of the push every
+value comes with its standard deviation.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """A region inside a larger body, as ultrasound sees it
 
-The image shows a part of the tissue only: body goes on at both sides and below. No force balance is
-asked at the image's border (the default), so what pushes there need not be known. The pad, a layer of
-gel of known stiffness, is seen from side to side.
+The image shows a part of the tissue only: body goes on at both sides and below. No force balance
+is asked at the image's border (the default), so what pushes there need not be known. The pad, a
+layer of gel of known stiffness, is seen from side to side.
 """
 
 import numpy as np
@@ -21,9 +21,10 @@ body = make_phantom(
 
 def seen(image: Image) -> Image:
     """Return what the probe sees: the middle of the body, without its sides and its floor."""
-    rows, columns = slice(20, 130), slice(42, 138)
-    corner = image.origin + image.direction[:, :2] @ ([42, 20] * image.spacing[:2])
-    return Image(image.array[:, rows, columns], corner, image.spacing, image.direction)
+    first = np.add(body.frame.margin, (20, 4))  # column, row
+    array = image.array[:, first[1] : first[1] + 90, first[0] : first[0] + 72]
+    corner = image.origin + image.direction[:, :2] @ (first * image.spacing[:2])
+    return Image(array, corner, image.spacing, image.direction)
 
 
 outcome = run(

@@ -1,8 +1,8 @@
 """Measured twice: how large a change is real?
 
-Ten blocks, each measured twice, with an error of 0.05 mm at every node that is redrawn. The repeatability
-coefficient (RC) says which change of one subject is more than the measurement's own scatter, with 95 %
-confidence. `elastoidentify repeatability` prints the same of maps and tables.
+Ten blocks, each measured twice, with an error of 0.05 mm at every node that is redrawn. The
+repeatability coefficient (RC) says which change of one subject is more than the measurement's own
+scatter, with 95 % confidence. `elastoidentify repeatability` prints the same of maps and tables.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """A slice, from images to the map
 
-A block of speckle under a pad, imaged at rest and in two pushes. The segmentation shows the inclusion,
-which is three times as stiff as the tissue. The pad's E and ν are all that is given.
+A block of speckle under a pad, imaged at rest and in two pushes. The segmentation shows the
+inclusion, which is three times as stiff as the tissue. The pad's E and ν are all that is given.
 """
 
 from elastoidentify.imaging.phantom import make_phantom
@@ -26,7 +26,8 @@ print(outcome.result.report["verdict"]["sentence"])
 true = {label: material.young for label, material in block.materials.items()}
 for row in outcome.result.statistics:
     if not row["given"]:
+        label = row["label"]
         young, error = row["YoungModulus mean"], row["YoungModulus standard error"]
-        print(f"label {row['label']}: E {young:.0f} ± {error:.0f} Pa, truth {true[row['label']]:.0f}")
+        print(f"label {label}: E {young:.0f} ± {error:.0f} Pa, truth {true[label]:.0f}")
 
 draw("slice.png", write_outcome(outcome), block.rest)

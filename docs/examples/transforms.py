@@ -1,8 +1,8 @@
 """Displacements from a registration elsewhere
 
 Whoever has registered already, with elastix or in 3D Slicer, brings the transforms: files of ITK
-(`.h5`, `.tfm`), rest image fixed. Here they are written by SimpleITK from the true push, with an error of
-0.02 mm at every grid point, and read at the nodes of the mesh.
+(`.h5`, `.tfm`), rest image fixed. Here they are written by SimpleITK from the true push, with an
+error of 0.02 mm at every grid point, and read at the nodes of the mesh.
 """
 
 import numpy as np
@@ -27,9 +27,7 @@ for trial, field in enumerate(block.displacements(places.reshape(-1, 3)), 1):
     transform = sitk.DisplacementFieldTransform(grid)
     sitk.WriteTransform(transform, f"push_{trial}.h5")
 
-mesh = mesh_segmentation(
-    block.segmentation, 12 * image.spacing[0], rigid_labels=block.rigid_labels
-)
+mesh = mesh_segmentation(block.segmentation, 12 * image.spacing[0], rigid_labels=block.rigid_labels)
 measured = [
     displacement_from_transform(f"push_{trial}.h5", mesh.points, noise=0.02) for trial in (1, 2)
 ]

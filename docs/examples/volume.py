@@ -1,8 +1,8 @@
 """A volume, from displacements that were measured elsewhere
 
-A block with a ball in it, three pushes, tetrahedra; at every node the true displacement and an error of
-0.05 mm. One E per label is quick and robust; ν is given. From image volumes it is the same call without
-`displacements`, and minutes instead of seconds.
+A block with a ball in it, three pushes, tetrahedra; at every node the true displacement and an
+error of 0.05 mm. One E per label is quick and robust; ν is given. From image volumes it is the
+same call without `displacements`, and minutes instead of seconds.
 """
 
 import numpy as np

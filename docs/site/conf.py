@@ -40,7 +40,11 @@ html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_logo = str(ROOT / "Resources" / "ElastoIdentify.png")
 html_copy_source = False
-html_theme_options = {"source_repository": FORGE, "source_branch": "main", "source_directory": "docs/"}
+html_theme_options = {
+    "source_repository": FORGE,
+    "source_branch": "main",
+    "source_directory": "docs/",
+}
 linkcheck_ignore = [FORGE + ".*"]
 
 SHOWN_ELSEWHERE = {"index": "README.md", "changes": "CHANGELOG.md"}

@@ -19,7 +19,7 @@ EXTRAS = {
     "matplotlib": "all",
     "highdicom": "dicom",
     "meshio": "fem",
-    "skfem": "demo",
+    "skfem": "all",
 }
 
 __all__ = ["main"]

@@ -69,7 +69,7 @@ def _phantom_options(arguments, dimension: int) -> dict:
 def _planar_phantom(arguments, progress):
     from ..imaging.io import read_image
     from ..imaging.phantom import Inclusion, make_phantom
-    from ..imaging.phantom.texture import mni152_path, slice_of
+    from ..imaging.phantom.texture import slice_of
 
     wanted = _phantom_options(arguments, 2)
     wanted |= {"pixels": arguments.pixels or 208, "slip": arguments.slipping}
@@ -78,18 +78,16 @@ def _planar_phantom(arguments, progress):
     inclusions = [Inclusion()]
     if arguments.inclusion is not None:
         inclusions = [Inclusion(*numbers) for numbers in arguments.inclusion]
-    texture = None
-    if arguments.image != "speckle":
-        image = read_image(arguments.image or mni152_path())
+    source, texture = _texture(arguments), None
+    if source is not None:
         axis = None if arguments.slice_axis is None else "ijk".index(arguments.slice_axis)
-        texture = slice_of(image, axis, arguments.slice)
+        texture = slice_of(read_image(source), axis, arguments.slice)
     return make_phantom(texture, inclusions=inclusions, progress=progress, **wanted)
 
 
 def _volume_phantom(arguments, progress):
     from ..imaging.io import read_image
     from ..imaging.phantom import Ball, make_phantom_volume
-    from ..imaging.phantom.texture import mni152_path
 
     if arguments.slipping:
         raise InputError("--slipping is for slices: leave out --3d")
@@ -97,10 +95,24 @@ def _volume_phantom(arguments, progress):
     wanted |= {"voxels": arguments.pixels or 48, "hidden": arguments.hidden}
     if arguments.inclusion is not None:
         wanted["balls"] = [Ball(*numbers) for numbers in arguments.inclusion]
-    texture = None
-    if arguments.image != "speckle":
-        texture = read_image(arguments.image or mni152_path())
+    source = _texture(arguments)
+    texture = None if source is None else read_image(source)
     return make_phantom_volume(texture, progress=progress, **wanted)
+
+
+def _texture(arguments):
+    """Return the image that textures the tissue; None: speckle, where nilearn has no template."""
+    from ..imaging.phantom.texture import mni152_path
+
+    if arguments.image is not None:
+        return None if arguments.image == "speckle" else arguments.image
+    try:
+        return mni152_path()
+    except InputError:
+        if arguments.slice is not None:
+            raise
+        print("note: without nilearn there is no MR template: the texture is speckle")
+        return None
 
 
 def run_command(phantom, folder: Path) -> str:

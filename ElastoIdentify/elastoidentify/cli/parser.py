@@ -343,7 +343,11 @@ def _demo(parser) -> None:
 def _phantom(parser) -> None:
     add = parser.add_argument
     add("--out", required=True, metavar="DIR", help="output folder")
-    add("--image", metavar="FILE", help="texture: an image, or 'speckle'; default: MNI152 T1")
+    add(
+        "--image",
+        metavar="FILE",
+        help="texture: an image, or 'speckle'; default: MNI152 T1 of nilearn, or speckle",
+    )
     add("--slice", type=int, metavar="N", help="slice of a volume (default: the middle)")
     add("--slice-axis", choices=("i", "j", "k"), help="axis across the slice (default: axial)")
     add(

@@ -152,7 +152,7 @@ def solve_pushes(
     try:
         import skfem
     except ImportError:
-        raise InputError(f"making a phantom {needs('scikit-fem', 'demo')}") from None
+        raise InputError(f"making a phantom {needs('scikit-fem', 'all')}") from None
     if kinematics not in ("small-strain", "neo-hookean"):
         raise InputError(f"kinematics {kinematics!r}: give small-strain or neo-hookean")
     progress = progress or silent
