@@ -2,7 +2,6 @@
 
 import importlib.util
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -21,8 +20,6 @@ def needs(name: str) -> None:
     """Skip an example for which this machine lacks something."""
     if name in IMAGES and not has_elastix():
         host_missing("itk-elastix is not installed", 'pip install ".[all]"')
-    if name == "paraview_script" and not (shutil.which("pvpython") and shutil.which("xvfb-run")):
-        host_missing("pvpython or xvfb-run is missing", "sudo apt-get install paraview xvfb")
 
 
 @pytest.mark.slow

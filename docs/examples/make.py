@@ -26,15 +26,15 @@ ORDER = {
     "own_mesh": "seconds",
     "repeatability": "seconds",
     "dicom": "seconds",
-    "paraview_script": "seconds",
 }
 """The examples in the order of the gallery, and how long each takes."""
 
 INTRODUCTION = """# Gallery
 
-Programs that run as they stand, with `pip install ".[all]"` and what their page says besides. Tests run
-them and compare what they print with their pages. *Seconds* and *a minute* are meant on two cores of a
-notebook.
+Programs that run as they stand, with `pip install ".[all]"`. Tests run them and compare what they
+print with their pages. *Seconds* and *a minute* are meant on a machine that has nothing else to do.
+Scripts for [ParaView](paraview.md#in-scripts), [3D Slicer](slicer.md#from-a-script) and
+[whole studies](cohort.md) are on their pages.
 
 | | what | time |
 |---|---|---|
@@ -50,23 +50,12 @@ TOCTREE = """
 """
 
 
-def program(name: str) -> list[str]:
-    """Return the command that runs an example."""
-    script = str(EXAMPLES / f"{name}.py")
-    if name != "paraview_script":
-        return [sys.executable, script]
-    display = [] if os.environ.get("DISPLAY") else ["xvfb-run", "-a"]
-    return [*display, sys.executable, "-m", "elastoidentify", "paraview", "pvpython", script]
-
-
 def run(name: str, folder: Path) -> str:
     """Run an example in a folder, and return what it printed."""
-    command = program(name)
-    beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
     done = subprocess.run(
-        command,
+        [sys.executable, str(EXAMPLES / f"{name}.py")],
         cwd=folder,
-        env=os.environ | {"MPLBACKEND": "Agg", "PATH": beside},
+        env=os.environ | {"MPLBACKEND": "Agg"},
         capture_output=True,
         encoding="utf-8",
     )
