@@ -1,6 +1,7 @@
 """What the displacements say of a Poisson's ratio that was given, on independent forward data."""
 
 import functools
+from types import SimpleNamespace
 
 import elastoidentify as ei
 import forward
@@ -78,12 +79,12 @@ def test_mean_strains_of_a_known_motion():
     points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     H = np.array([[0.02, 0.0], [0.0, -0.05]])
 
-    class Problem:
-        mesh = make_mesh(points, np.array([[0, 1, 2], [0, 2, 3]]))
-        labels = np.array([4, 7])
-        displacements = [points @ H.T, points @ -H.T]
-
-    rows = mean_strains(Problem)
+    problem = SimpleNamespace(
+        mesh=make_mesh(points, np.array([[0, 1, 2], [0, 2, 3]])),
+        labels=np.array([4, 7]),
+        displacements=[points @ H.T, points @ -H.T],
+    )
+    rows = mean_strains(problem)
     assert [(row["label"], row["trial"]) for row in rows] == [(4, 1), (7, 1), (4, 2), (7, 2)]
     assert rows[0]["axial"] == pytest.approx(-0.05)
     assert rows[0]["lateral"] == pytest.approx(0.4)
