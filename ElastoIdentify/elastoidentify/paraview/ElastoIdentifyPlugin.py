@@ -25,7 +25,6 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 from elastoidentify import filters
 from elastoidentify.filters.reading import SUFFIXES
 from elastoidentify.paraview import display, failures, legends, panel, stopping, writers
-from elastoidentify.results import QUANTITIES
 from elastoidentify.vtk_io.arrays import label_table
 
 paraview_plugin_name = "ElastoIdentify"
@@ -155,7 +154,6 @@ class ElastixNodalDisplacement(filters.ElastixNodalDisplacement):
     ),
     panel.settings(filters.LameIdentification),
     panel.last_error(),
-    panel.shown_ranges(),
 )
 class LameIdentification(filters.LameIdentification):
     __doc__ = filters.LameIdentification.__doc__
@@ -174,11 +172,6 @@ class LameIdentification(filters.LameIdentification):
         """Return what the last run has to say, a line each; "" before the first one."""
         meshes = display.leaves(self.GetOutputDataObject(0))
         return "\n\n".join(filter(None, map(display.report, meshes)))
-
-    def GetShownRanges(self):
-        """Return from where to where colours should go, two numbers per array of results."""
-        meshes = display.leaves(self.GetOutputDataObject(0))
-        return [bound for array in QUANTITIES for bound in display.shown_range(meshes, array)]
 
 
 # ---- File ▸ Save Data

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..results import QUANTITIES
+from .display import leaves, shown_range
 
 FILTER = "LameIdentification"
 NEVER = -1  # ParaView's mode of rescaling
@@ -37,6 +38,7 @@ _known = _Known()
 
 def install():
     """Begin to listen, once. Not while plugins are loaded: scripts have no thread state yet."""
+    import paraview.modules.vtkRemotingViews  # noqa: F401  representations are plain proxies without
     from paraview.modules.vtkRemotingServerManager import vtkSMProxyManager
 
     if _known.manager is None:
@@ -80,18 +82,16 @@ def _array(name: str) -> str:
 def _updated(source, event):
     """Take in the ranges and the unit of a map that was just made."""
     session = source.GetSessionProxyManager()
-    source.UpdatePropertyInformation()
-    key = source.GetGlobalIDAsString()
-    if source.GetProperty("LastError").GetElement(0):
+    filter, key = source.GetClientSideObject(), source.GetGlobalIDAsString()
+    if filter is None:  # it runs on a server
+        return
+    if filter.GetLastError():
         _known.failed.add(key)
         return
-    ranges = source.GetProperty("ShownRanges")
-    for number, array in enumerate(QUANTITIES):
-        if ranges.GetNumberOfElements() > 2 * number + 1:
-            pair = ranges.GetElement(2 * number), ranges.GetElement(2 * number + 1)
-            if np.isfinite(pair).all():
-                _known.ranges[array] = pair
-    _known.unit = source.GetProperty("Unit").GetElement(0) or ""
+    meshes = leaves(filter.GetOutputDataObject(0))
+    ranges = {array: shown_range(meshes, array) for array in QUANTITIES}
+    _known.ranges |= {array: pair for array, pair in ranges.items() if np.isfinite(pair).all()}
+    _known.unit = filter.unit
     for name, colours in _proxies(session, "lookup_tables"):
         if _array(name) in _known.given and _range_of(colours) == _known.given[_array(name)]:
             _stretch(_array(name), colours)

@@ -151,13 +151,6 @@ def last_error() -> str:
     </StringVectorProperty>"""
 
 
-def shown_ranges() -> str:
-    """Return the property that tells the client how far each array's colours go."""
-    return """
-    <DoubleVectorProperty name="ShownRanges" command="GetShownRanges" information_only="1"
-        repeatable="1" panel_visibility="never"/>"""
-
-
 def report() -> str:
     """Return the property that shows in the panel what the last run has to say."""
     return """

@@ -131,6 +131,8 @@ stiffness.Plane = "strain"  # with a finite-strain law, plane stress is refused
 stiffness.Method = "global"
 stiffness.KnownMaterials = [1, 4000, 0.4]  # there is no label 7,
 stiffness.ReferenceLabel = 0  # nor 4
+stiffness.Slip, stiffness.OutOfPlane = [], []
+stiffness.PoissonStd = stiffness.OutOfPlaneStd = 0.0  # for which global has no estimate
 stiffness.UpdatePipeline()
 assert "Residual_2" in stiffness.PointData
 assert "Residual_3" not in stiffness.PointData
