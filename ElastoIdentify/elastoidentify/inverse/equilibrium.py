@@ -37,6 +37,7 @@ class State:
     n_free: int
     K: list  # per trial (n_eta, n_eta), the same one in small strain
     factors: list  # of K_ff, per trial
+    slots: np.ndarray  # (n_eta,) a degree of freedom that each entry of η moves
     R: list = field(default_factory=list)  # per trial (n_eta, n_x), see Equilibrium.add_slopes
 
     def __post_init__(self):
@@ -97,7 +98,8 @@ class Equilibrium:
         coarse = problem.conditions
         here = coarse if refine == 1 else self._refined_conditions(interpolation)
         self.free, self.held = here.free_slots, coarse.held_slots  # degrees of freedom of η
-        self.n_free, self.n_eta = len(self.free), len(self.free) + len(self.held)
+        self.slots = np.concatenate([self.free, self.held])
+        self.n_free, self.n_eta = len(self.free), len(self.slots)
         self.by_node = coarse.plain  # η holds d numbers for each node
         # nodes that only refinement has are not measured
         self.coarse = np.concatenate([self.free, self.held]) < mesh.n_dofs  # (n_eta,) bool
@@ -161,7 +163,7 @@ class Equilibrium:
             eta[:, t], *last = self._balance(cells[t], eta[:, t], lam, mu, tell)
             K.append(last[0])
             factors.append(last[1])
-        return State(x, eta, n, K, factors)
+        return State(x, eta, n, K, factors, self.slots)
 
     def _cells_of_trials(self, x):
         """The cells of each trial, which differ where the trials are stretched across the plane."""
@@ -211,7 +213,8 @@ class Equilibrium:
         lam, mu = self._moduli(x)
         trials = eta.shape[1]
         K = self._stiffness(self.displacements(eta[:, :1])[0], lam, mu)
-        return State(x, eta, self.n_free, [K] * trials, [self._factorise(K)] * trials)
+        factors = [self._factorise(K)] * trials
+        return State(x, eta, self.n_free, [K] * trials, factors, self.slots)
 
     def _moduli(self, x):
         lam, mu = self.parameters.moduli(x)

@@ -193,18 +193,21 @@ class ReducedSystem:
         A held node takes the free nodes beside it along, so their weights count like its own: they
         keep a node in its place that is hardly measured itself.
         """
-        n, d, found = self.state.n_free // self.dim, self.dim, {}
-        out = []
-        for t in range(len(self.state.K)):
+        n, d, found, out = self.state.n_free, self.dim, {}, []
+        free, held = (_padding(part, d) for part in np.split(self.state.slots, [n]))
+        self.held = held.tocsc().indices  # where the padded blocks have the held motion
+        for t, K in enumerate(self.state.K):
             parts = [term[t] for term in self.misfit.terms]
-            key = (id(self.state.K[t]), *(id(o.weight) for o in parts))
+            key = (id(K), *(id(o.weight) for o in parts))
             if key not in found:
                 H = sum(o.by_eta.T @ (o.weight / o.factor(self.scale)) @ o.by_eta for o in parts)
-                own = _diagonal_blocks(H, d)
-                near = _neighbours(self.state.couplings[t], d)
+                H = H.tocsr()
+                beside = _diagonal_blocks(free @ H[:n, :n] @ free.T, d)
+                own = _diagonal_blocks(held @ H[n:, n:] @ held.T, d)
+                near = _neighbours(free @ self.state.couplings[t] @ held.T, d)
                 near = near.multiply(1 / np.maximum(near.sum(axis=1), 1)).tocsr()
-                mean = (near @ own[:n].reshape(n, -1)).reshape(-1, d, d)
-                found[key] = np.linalg.inv(own[n:] + mean)
+                mean = (near @ beside.reshape(len(beside), -1)).reshape(-1, d, d)
+                found[key] = np.linalg.inv(own + mean + _unused(held, d, H.diagonal().mean()))
             out.append(found[key])
         return out
 
@@ -270,8 +273,11 @@ class ReducedSystem:
     def _precondition(self, r):
         out = [r[0] if self.P is None else self.of_x.solve(r[0])]
         for blocks, part in zip(self.of_b, r[1:], strict=True):
-            out.append(np.einsum("nij,njm->nim", blocks, part.reshape(-1, self.dim, part.shape[1])))
-            out[-1] = out[-1].reshape(part.shape)
+            padded = np.zeros((len(blocks) * self.dim, part.shape[1]))
+            padded[self.held] = part
+            padded = padded.reshape(len(blocks), self.dim, -1)
+            moved = np.einsum("nij,njm->nim", blocks, padded).reshape(-1, part.shape[1])
+            out.append(moved[self.held])
         return out
 
 
@@ -287,6 +293,20 @@ class Dense:
 
 def _dot(a, b):
     return sum(np.einsum("ij,ij->j", p, q) for p, q in zip(a, b, strict=True))
+
+
+def _padding(slots, d):
+    """Return E, (n d, columns): d places for every node, of which sliding ones use fewer."""
+    _, node = np.unique(slots // d, return_inverse=True)
+    place, columns = node.ravel() * d + slots % d, np.arange(len(slots))
+    shape = (d * (node.max(initial=-1) + 1), len(slots))
+    return sp.csr_matrix((np.ones(len(slots)), (place, columns)), shape)
+
+
+def _unused(padding, d, size):
+    """Return diagonal blocks, (n, d, d), that make a matrix definite where no column is."""
+    empty = np.diff(padding.indptr) == 0
+    return size * empty.reshape(-1, d)[:, :, None] * np.eye(d)
 
 
 def _diagonal_blocks(H, d):
