@@ -59,11 +59,11 @@ def test_detectability_is_the_part_of_a_change_that_nothing_else_explains(monkey
 @pytest.mark.slow
 def test_a_lesion_of_the_said_size_shows_and_a_smaller_one_does_not(noise=0.02):
     """Truth: quadratic cells on a finer mesh; the size is said of a body without a lesion."""
-    diameter = found(forward.squares(16, contrast=1.0), noise).report["smallest_visible"]["here"]
+    diameter = found(forward.squares(12, contrast=1.0), noise).report["smallest_visible"]["here"]
 
     def shown(size):
         """The share of the lesion's log-contrast that the map shows, median of three draws."""
-        case = forward.squares(16, contrast=2.0, radius=size / 2 / forward.SIDE)
+        case = forward.squares(12, contrast=2.0, radius=size / 2 / forward.SIDE)
         inside = case.young > 1
         maps = [found(case, noise, seed).mu[inside] for seed in (1, 2, 3)]
         return np.median([np.log2(mu / case.mu[~inside][0]).mean() for mu in maps])
