@@ -275,7 +275,7 @@ class ReducedSystem:
         for blocks, part in zip(self.of_b, r[1:], strict=True):
             padded = np.zeros((len(blocks) * self.dim, part.shape[1]))
             padded[self.held] = part
-            padded = padded.reshape(len(blocks), self.dim, -1)
+            padded = padded.reshape(len(blocks), self.dim, part.shape[1])
             moved = np.einsum("nij,njm->nim", blocks, padded).reshape(-1, part.shape[1])
             out.append(moved[self.held])
         return out
