@@ -92,20 +92,13 @@ def regularized(problem: Problem, progress: Progress | None = None) -> Estimate:
 
 def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     """Walk; where the walk's own propagated error forbids trust, go on to the regularized fit."""
-    if problem.unknowns.ratio is not None:
-        estimate = regularized(problem, progress)
-        estimate.report["auto"] = "regularized: it alone estimates Poisson's ratio with the map"
-        return estimate
-    if problem.stretch is not None and problem.stretch.std:
-        estimate = regularized(problem, progress)
-        estimate.report["auto"] = "regularized: it alone estimates the stretch out of the plane"
-        return estimate
+    why = _needs_the_fit(problem)
     try:
-        walked = sequential(problem, part(progress, 0, 0.2))
+        walked = None if why else sequential(problem, part(progress, 0, 0.2))
     except Folded:
-        estimate = regularized(problem, progress)
-        estimate.report["auto"] = "regularized: the displacements turn cells inside out"
-        return estimate
+        walked, why = None, "the displacements turn cells inside out"
+    if walked is None:
+        return _fitted(problem, progress, why)
     cells = ~problem.unknowns.known & (walked.order >= 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = walked.mu_std[cells] / walked.mu[cells]
@@ -118,7 +111,6 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
             f"sequential: its propagated error of μ is {typical:.1e} of the value (median)"
         )
         return walked
-    estimate = regularized(problem, part(progress, 0.2, 1))
     if np.isfinite(typical) and typical > TRUSTED_ERROR:
         why = (
             f"the sequential method's propagated error of μ is {typical:.1e} of the value "
@@ -131,6 +123,20 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
         )
     else:
         why = "the sequential method finds no node to start from"
+    return _fitted(problem, part(progress, 0.2, 1), why)
+
+
+def _needs_the_fit(problem: Problem) -> str:
+    """Return why nothing but the regularized fit will do, "" where others may."""
+    if problem.unknowns.ratio is not None:
+        return "it alone estimates Poisson's ratio with the map"
+    if problem.stretch is not None and problem.stretch.std:
+        return "it alone estimates the stretch out of the plane"
+    return ""
+
+
+def _fitted(problem: Problem, progress, why: str) -> Estimate:
+    estimate = regularized(problem, progress)
     estimate.report["auto"] = f"regularized: {why}"
     return estimate
 

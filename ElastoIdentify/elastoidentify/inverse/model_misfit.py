@@ -144,7 +144,8 @@ def _neighbourhoods(mesh: Mesh, known: np.ndarray) -> sp.csr_matrix:
     gap = tree.sparse_distance_matrix(tree, reach, output_type="coo_matrix")
     row, col = (np.concatenate([part, np.arange(mesh.n_cells)]) for part in (gap.row, gap.col))
     weight = (1 - (np.concatenate([gap.data, np.zeros(mesh.n_cells)]) / reach) ** 2) ** 2
-    own = (known[row] == known[col]) & (np.concatenate([gap.row != gap.col, known >= 0]))
+    once = np.append(gap.row != gap.col, np.ones(mesh.n_cells, bool))  # each cell itself
+    own = (known[row] == known[col]) & once
     total = sp.csr_matrix((weight[own], (row[own], col[own])), (mesh.n_cells,) * 2)
     return sp.diags(1 / np.asarray(total.sum(axis=1)).ravel()) @ total
 
