@@ -198,8 +198,7 @@ def make_mesh(options: MeshOptions, progress: Progress | None = None) -> LabelMe
 
 def default_edge_length(image) -> float:
     """Return twelve voxels: the finest edge at which registration still adds information."""
-    spread = [d for d, n in zip(image.spacing, image.size, strict=True) if n > 1]
-    return 12.0 * min(spread, default=1.0)
+    return 12.0 * min(image.pixel_sides, default=1.0)
 
 
 def measure(

@@ -7,6 +7,7 @@ identification says how small a lesion its map would show
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -91,11 +92,11 @@ def plan(
     known = {int(row[0]): tuple(row[1:]) for row in study.known_materials}
     tissue = check_material(*tissue, "the tissue") if tissue else next(iter(known.values()))
     image = study.segmentation
-    noise = study.noise or NOISE * min(
-        d for d, n in zip(image.spacing, image.size, strict=True) if n > 1
-    )
+    noise = study.noise or NOISE * image.pixel_sides.min()
     sets = _sets(len(pushes))
     lengths = list(edge_lengths) or [study.edge_length]
+    study = copy(study)  # the caller's keeps its edge length and noise
+    study.noise = noise
     rows = []
     for k, length in enumerate(lengths):
         study.edge_length = length
@@ -105,8 +106,7 @@ def plan(
         moduli = np.array([known.get(label, tissue) for label in mesh.labels.tolist()])
         u = np.array([_push(frame, image, mesh, moduli, *one) for one in pushes])
         u += noise * np.random.default_rng(0).standard_normal(u.shape)
-        u = frame.to_world(u) if frame.world_dim != frame.mesh.dim else u
-        study.noise = noise
+        u = frame.to_world(u)
         for j, chosen in enumerate(sets):
             result = identify_mesh(
                 study, mesh.points, cell_blocks(mesh.cells), u[[n - 1 for n in chosen]],
@@ -184,8 +184,7 @@ def _touches(image: Image, points: np.ndarray, label: int) -> np.ndarray:
     """Tell which points (n, 3) lie nearer to a voxel of a label than two voxels."""
     voxels = np.argwhere(image.array == label)[:, ::-1]
     tree = cKDTree(image.index_to_world(voxels))
-    widest = max(d for d, n in zip(image.spacing, image.size, strict=True) if n > 1)
-    return tree.query(points)[0] < 2 * widest
+    return tree.query(points)[0] < 2 * image.pixel_sides.max()
 
 
 def plan_rows(rows: Sequence[Seen], unit: str = "mm") -> list[Mapping[str, object]]:

@@ -13,18 +13,13 @@ def plan(arguments) -> None:
     from ..planning import plan as planned
     from ..planning import plan_rows
 
-    files = commands._read(arguments, MeshOptions)
-    chosen = options.chosen(arguments, IdentificationOptions)
-    study = Study(**(options.chosen(arguments, MeshOptions) | chosen))
-    study.segmentation, study.method = (
-        files.chosen.segmentation,
-        chosen.get("method", "regularized"),
-    )
-    lengths = arguments.edge_lengths or [0.0]
+    study = commands._read(arguments, Study).chosen
+    if not hasattr(arguments, "method"):
+        study.method = "regularized"
     with TerminalProgress("plan") as progress:
         rows = planned(
-            study, arguments.pushes, tissue=arguments.tissue, edge_lengths=lengths,
-            place=arguments.at, progress=progress,
+            study, arguments.pushes, tissue=arguments.tissue, place=arguments.at,
+            edge_lengths=arguments.edge_lengths or (), progress=progress,
         )  # fmt: skip
     lines = plan_rows(rows)
     print(table(list(lines[0]), [[_cell(value) for value in row.values()] for row in lines]))

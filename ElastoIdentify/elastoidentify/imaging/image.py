@@ -63,6 +63,11 @@ class Image:
         thin = [axis for axis in range(3) if self.size[axis] == 1]
         return thin[-1] if thin else None
 
+    @property
+    def pixel_sides(self) -> np.ndarray:
+        """Spacing along the axes on which the image has more than one voxel, at most (3,)."""
+        return self.spacing[np.array(self.size) > 1]
+
     def index_to_world(self, index: np.ndarray) -> np.ndarray:
         """Map continuous indices (n, 3), ordered i, j, k, to world points (n, 3)."""
         return np.asarray(index, float) @ self.axes.T + self.origin
