@@ -93,16 +93,15 @@ def add_phantom(progress=None) -> list:
     list
         Its nodes, the rest volume first.
     """
-    with slicer.util.tryWithErrorDisplay(_("The phantom could not be made."), waitCursor=True):
-        phantom = make_phantom(
+    return _added(
+        lambda: make_phantom(
             None,
             inclusions=[Inclusion(contrast=3.0)],
             solver=solve_pushes_on_quads,  # Slicer has no scikit-fem
             elements=120,
             progress=progress,
         )
-        inputs = phantom_nodes(phantom)
-    return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
+    )
 
 
 def add_phantom_volume(progress=None) -> list:
@@ -117,11 +116,17 @@ def add_phantom_volume(progress=None) -> list:
     list
         Its nodes, the rest volume first.
     """
+    ball = Ball(z=0.4, radius=0.25)
+    return _added(
+        lambda: make_phantom_volume(balls=[ball], voxels=40, elements=8, progress=progress),
+        "Phantom 3-D",
+    )
+
+
+def _added(make, *name) -> list:
+    """Add the phantom that `make` makes, and return its nodes."""
     with slicer.util.tryWithErrorDisplay(_("The phantom could not be made."), waitCursor=True):
-        phantom = make_phantom_volume(
-            balls=[Ball(z=0.4, radius=0.25)], voxels=40, elements=8, progress=progress
-        )
-        inputs = phantom_nodes(phantom, "Phantom 3-D")
+        inputs = phantom_nodes(make(), *name)
     return [inputs["restVolume"], *inputs["pushedVolumes"], inputs["segmentation"]]
 
 

@@ -36,6 +36,19 @@ def _check_slip(first: int, second: int) -> None:
         raise InputError(f"slip {first}:{second}: name two labels, which slide on each other")
 
 
+def _boxes(row: str, doc: str, **more) -> Rows:
+    return Rows(
+        row,
+        doc,
+        ["x0", "x1", "y0", "y1", "z0", "z1"],
+        lengths=[4, 6],
+        unit="length",
+        advanced=True,
+        metavar="X0,X1,Y0,Y1[,Z0,Z1]",
+        **more,
+    )
+
+
 def _slip(doc: str, **more) -> Rows:
     """The one option that all steps share: the mesh is split, and then no shear is passed on."""
     return Rows(
@@ -89,16 +102,11 @@ class MeshOptions(Table):
         flags=["--rigid"],
         metavar="LABEL",
     )
-    reaction_boxes = Rows(
+    reaction_boxes = _boxes(
         "ReactionBox",
         "Boxes of the world in which an outside body may push.",
-        ["x0", "x1", "y0", "y1", "z0", "z1"],
-        lengths=[4, 6],
-        unit="length",
         group="Mesh",
-        advanced=True,
         flags=["--reaction-box"],
-        metavar="X0,X1,Y0,Y1[,Z0,Z1]",
     )
     sliding_labels = Rows(
         "SlidingLabel",
@@ -111,16 +119,11 @@ class MeshOptions(Table):
         flags=["--sliding"],
         metavar="LABEL",
     )
-    sliding_boxes = Rows(
+    sliding_boxes = _boxes(
         "SlidingBox",
         "Boxes of the world in which an outside body may push along the normal only.",
-        ["x0", "x1", "y0", "y1", "z0", "z1"],
-        lengths=[4, 6],
-        unit="length",
         group="Contact",
-        advanced=True,
         flags=["--sliding-box"],
-        metavar="X0,X1,Y0,Y1[,Z0,Z1]",
     )
     slip = _slip(
         "Pairs of labels that slide on each other without friction: each gets nodes of its own "

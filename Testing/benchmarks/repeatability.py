@@ -68,18 +68,11 @@ def measured(phantom, seed, elastix=None):
     def noisy(image):
         return image.with_array(rician(image.array, level, rng).astype(np.float32))
 
-    pad = phantom.materials[1]
-    study = Study(
+    study = study_of(
+        phantom,
         segmentation=segmented(phantom, rng),
         rest=noisy(phantom.rest),
         pushed=[noisy(image) for image in phantom.pushed],
-        edge_length=10 * float(phantom.rest.spacing[0]),
-        rigid_labels=phantom.rigid_labels,
-        known_materials=[(1, pad.young, pad.poisson)],
-        unknowns="young",
-        poisson_ratio=pad.poisson,
-        method="regularized",
-        kinematics="neo-hookean",
     )
     mesh = make_mesh(study)
     found = register(
@@ -88,22 +81,27 @@ def measured(phantom, seed, elastix=None):
     return run(study, mesh=mesh, registration=found, names=NAMES).result.statistics
 
 
-def measured_without_images(phantom, seed, cause: str):
-    """Return the table of labels where nothing but one cause of scatter acts."""
-    rng = np.random.default_rng([12, *seed])
-    pad, pixel = phantom.materials[1], float(phantom.rest.spacing[0])
-    by_hand = cause == "segmentation"
-    study = Study(
-        segmentation=segmented(phantom, rng) if by_hand else phantom.segmentation,
-        edge_length=10 * pixel,
+def study_of(phantom, **more) -> Study:
+    """Return the study of a phantom, whichever way it is measured."""
+    pad = phantom.materials[1]
+    return Study(
+        edge_length=10 * float(phantom.rest.spacing[0]),
         rigid_labels=phantom.rigid_labels,
         known_materials=[(1, pad.young, pad.poisson)],
         unknowns="young",
         poisson_ratio=pad.poisson,
         method="regularized",
         kinematics="neo-hookean",
-        noise=0.05,
+        **more,
     )
+
+
+def measured_without_images(phantom, seed, cause: str):
+    """Return the table of labels where nothing but one cause of scatter acts."""
+    rng = np.random.default_rng([12, *seed])
+    pixel, by_hand = float(phantom.rest.spacing[0]), cause == "segmentation"
+    segmentation = segmented(phantom, rng) if by_hand else phantom.segmentation
+    study = study_of(phantom, segmentation=segmentation, noise=0.05)
     mesh = make_mesh(study)
     exact = phantom.displacements(mesh.points)
     noise = rng.normal(0, 0.005 if by_hand else 0.05 * pixel, exact.shape) * [1, 1, 0]
