@@ -4,7 +4,7 @@ A square body with a soft-tissue inclusion and a known strip on top, pushed at t
 scikit-fem on quadratic quadrilaterals; a cube likewise, on quadratic hexahedra.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import skfem
@@ -58,6 +58,34 @@ def published(poisson=0.495, contrast=5.0, edge=1.185, follows_edge=True, pushes
     centre, radius = (15.0, 15.0), 4.6
     points, cells = _disc_mesh(centre, radius, edge, follows_edge)
     return _case(points, cells, centre, radius, poisson, contrast, pushes, 3.0)
+
+
+def published_nodal(poisson=0.495, contrast=5.0):
+    """The published comparison problem as it was posed: moduli of nodes, linear between them.
+
+    Its displacements come from the very triangles that identification gets, plain ones.
+    """
+    case = published(poisson, contrast, follows_edge=False)
+    inside = np.linalg.norm(case.points - 15.0, axis=1) < 4.6
+    nodal = np.where(inside, contrast, 1.0)
+    mesh = skfem.MeshTri(case.points.T.copy(), case.cells.T.copy(), sort_t=False)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
+
+    @skfem.BilinearForm
+    def stiffness(u, v, w):
+        lam, mu = w.E * poisson / ((1 + poisson) * (1 - 2 * poisson)), w.E / (2 * (1 + poisson))
+        eu, ev = sym_grad(u), sym_grad(v)
+        return lam * trace(eu) * trace(ev) + 2 * mu * ddot(eu, ev)
+
+    young = basis.with_element(skfem.ElementTriP1()).interpolate(nodal)
+    top = basis.get_dofs(lambda x: np.isclose(x[1], SIDE))
+    floor = basis.get_dofs(lambda x: np.isclose(x[1], 0))
+    u = np.zeros(basis.N)
+    u[top.all(["u^2"])] = -0.3
+    fixed = np.unique(np.concatenate([top.all(), floor.all()]))
+    u = skfem.solve(*skfem.condense(stiffness.assemble(basis, E=young), 0 * u, x=u, D=fixed))
+    moved, E = u[basis.nodal_dofs].T[None], nodal[case.cells].mean(axis=1)
+    return replace(case, displacements=moved, young=E)
 
 
 def boxes(n, poisson=0.43, contrast=3.0, radius=7.0):

@@ -77,10 +77,16 @@ class Displacements:
 
 
 class Misfit:
-    """The sum of its terms at one state."""
+    """The sum of its terms at one state.
 
-    def __init__(self, terms: list[Term], state: State):
+    `added`, (k, 1) per term and trial, comes on top of what was measured.
+    """
+
+    def __init__(self, terms: list[Term], state: State, added=None):
         self.terms = [term.observe(state) for term in terms]
+        for term, more in zip(self.terms, added or [], strict=False):
+            for o, part in zip(term, more, strict=True):
+                o.residual = o.residual + part[:, 0]
 
     def value(self) -> float:
         """Return Σ rᵀ W r over the terms that the noise scale multiplies."""

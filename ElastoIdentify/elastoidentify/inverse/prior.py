@@ -15,10 +15,7 @@ from ..fem.mesh import Mesh
 from .parameterization import LogParameters
 
 ANCHOR_STD = {"modulus": 3.0, "ratio": 1.5}  # natural logarithms, around the known material
-# exponents of the reweighted prior, p(jump) ∝ |jump|^−3 beyond the smoothing: of the sharpened map
-# by dimension (a closed surface has many more sides than a closed line, and each costs), and of the
-# posterior around it
-SHARPENING, REWEIGHTING = {2: 3.0, 3: 0.5}, 3.0
+REWEIGHTING = 3.0  # exponent of the reweighted prior of the posterior, p(jump) ∝ |jump|^−3
 SMOOTHING = 0.02  # jumps of log-moduli below this count as none
 
 
@@ -98,7 +95,7 @@ class TotalVariation:
         self.difference = sp.hstack([fields, beside], format="csr")
         self.size = np.tile(sizes / (sizes.mean() if m else 1.0), self.n_fields)
         self.field = np.repeat(np.arange(self.n_fields), m)
-        self.n_groups, self.sharpening = n, SHARPENING[mesh.dim]
+        self.n_groups, self.sharpening = n, None  # exponent of the sharpened map, to be set
         self.weights, self.field_weight = np.zeros(len(self.size)), np.zeros(self.n_fields)
 
     def __len__(self) -> int:

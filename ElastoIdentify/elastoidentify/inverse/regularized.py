@@ -12,10 +12,8 @@ held nodes' motion), `misfit` (a sum of measured terms), `prior` (a sum of terms
 Stage one finds the noise σ and a first map by the variational Bayes treatment of total variation
 (Babacan, Molina, Katsaggelos, IEEE Trans. Image Process. 17, 2008): no weight is set by hand, σ² is
 the misfit over the equations that the effective parameters leave (the discrepancy principle in its
-unbiased form). Stage two sharpens: total variation is reweighted by its own result (Candès, Wakin,
-Boyd, J. Fourier Anal. Appl. 14, 2008), which has no scale of its own and so takes the contrast loss
-of total variation away. The standard deviations are those of the Gaussian that the same variational
-step puts around the sharpened map.
+unbiased form). Stage two sharpens as far as the data bear it (:mod:`.sharpening`). The standard
+deviations are those of the Gaussian that the same variational step puts around the map.
 """
 
 import numpy as np
@@ -31,10 +29,11 @@ from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
 from .ratio_checks import ratio_checks
+from .sharpening import UNSHARPENED, rule, sharpen
 from .visibility import smallest_visible
 
-VARIATIONAL_STEPS, SHARPENING_STEPS, POSTERIOR_STEPS = 20, 15, 2
-SETTLED = {"variational": 0.1, "sharpening": 0.05}  # largest change of a log-modulus in a step
+VARIATIONAL_STEPS, POSTERIOR_STEPS = 20, 2
+SETTLED = 0.1  # largest change of a log-modulus in the last variational step
 SAMPLES = 16
 # on the way, by products: few and coarse samples tell the weights well enough
 ROUGH_SAMPLES, ROUGH, FINE = 4, 0.03, 0.01
@@ -81,7 +80,7 @@ class _Fit:
         self.prior = Prior([self.variation, anchor(self.parameters), *self.parameters.prior()])
         self.system = self._make_system()
         self.scale = problem.noise.scale
-        self.samples = None
+        self.samples = self.added = None  # added: noise on the measured numbers, per term and trial
         self.log = []
         self.at = (0.0, "regularized: first fit")
 
@@ -108,11 +107,11 @@ class _Fit:
         self.state = self.forward.settle(self.x, self.eta, self.tell)
         self.eta = self.state.eta = self._nearest(self.state)
         self.forward.add_slopes(self.state)
-        self.misfit = Misfit(self.terms, self.state)
+        self.misfit = Misfit(self.terms, self.state, self.added)
 
     def _nearest(self, state):
         """η with the held nodes' motion that fits best, to first order."""
-        db = self.system.refit(state, Misfit(self.terms, state), self.tell)
+        db = self.system.refit(state, Misfit(self.terms, state, self.added), self.tell)
         return self.forward.moved(state, None, db)
 
     def factorise(self):
@@ -159,7 +158,7 @@ class _Fit:
     def run(self) -> Estimate:
         self.first_fit()
         self._variational_stage()
-        self._sharpening_stage()
+        self.kept, self.other = sharpen(self)
         self._posterior()
         if not len(self.variation):  # else the system is that of the last samples
             self.factorise()
@@ -191,21 +190,9 @@ class _Fit:
             if given is None:
                 left = max(n - self.effective, 0.05 * n)
                 self.scale = self._floor(self.misfit.value() / left)
-            self._record(iteration, VARIATIONAL_STEPS, 0.0, size)
-            if size < SETTLED["variational"] and abs(self.scale / before - 1) < 0.02:
+            self.record(iteration, VARIATIONAL_STEPS, 0.0, size)
+            if size < SETTLED and abs(self.scale / before - 1) < 0.02:
                 break
-
-    def _sharpening_stage(self):
-        """Take the contrast loss of total variation away, with σ as found."""
-        for iteration in range(SHARPENING_STEPS if len(self.variation) else 0):
-            self.evaluate()
-            self.prior.reweighted(self.x)
-            self.factorise()
-            size = self.step()
-            self._record(iteration, SHARPENING_STEPS, 0.5, size)
-            if size < SETTLED["sharpening"]:
-                break
-        self.evaluate()
 
     def _posterior(self):
         """Sample around the sharpened map: the variational posterior of the reweighted prior.
@@ -215,12 +202,25 @@ class _Fit:
         call their common bias, which no prior sees, certain. Two keep the truth within two
         standard deviations as often as they should (docs/benchmarks.md).
         """
-        for _ in range(POSTERIOR_STEPS if len(self.variation) else 0):
-            self.prior.reweighted(self.x, self.samples[0])
+        fine = FINE if self.by_products else TOLERANCE
+        sharpened = self.kept.exponent != UNSHARPENED
+        registered, others = self.problem.noise.information is not None, None
+        if self.other is not None and not registered:
+            self.prior.variational(self.x, self.samples[0])
             self.factorise()
-            self.sample_posterior(SAMPLES, FINE if self.by_products else TOLERANCE)
+            others = self.sample_posterior(SAMPLES, fine)
+        for _ in range(POSTERIOR_STEPS if sharpened else len(self.variation) > 0):
+            if sharpened:
+                self.prior.reweighted(self.x, self.samples[0])
+            self.factorise()
+            self.sample_posterior(SAMPLES, fine)
         if self.parameters.n <= FEW:
             self.exact_posterior()
+        if self.other is not None:
+            # of a registration the unsharpened map fits the errors, and so claims too much of them
+            others = self.samples[0] if others is None else others
+            both = np.hstack([self.samples[0], (self.other.x - self.x)[:, None] + others])
+            self.samples = (both, *self.samples[1:])
 
     def _mesh_bias(self):
         """Estimate the shift of x that the cells' own error makes, where that is affordable."""
@@ -291,7 +291,7 @@ class _Fit:
             "misfit": self.misfit.value() / self.scale**2 / max(self.n_equations, 1),
             "effective_parameters": self.effective,
             "prior_weight": [float(w) for w in weight],
-            "prior_rule": "variational Bayes of total variation, then reweighted",
+            "prior_rule": rule(self.kept),
             "element": self.forward.element,
             "mesh_shift": shift,
             "smallest_visible": self.visible,
@@ -319,7 +319,7 @@ class _Fit:
         """Say where the fit is, and let it be cancelled there."""
         self.progress(*self.at)
 
-    def _record(self, iteration, steps, start, size):
+    def record(self, iteration, steps, start, size):
         misfit = self.misfit.value() / self.scale**2 / max(self.n_equations, 1)
         self.log.append({"misfit": misfit, "step": float(size), "noise_scale": self.scale})
         self.at = (

@@ -1,0 +1,193 @@
+"""How far a map is sharpened: the second stage of the regularized fit, and which map it keeps.
+
+Total variation reweighted by its own result (Candès, Wakin, Boyd, J. Fourier Anal. Appl. 14, 2008)
+has no scale of its own and so takes the contrast loss of total variation away: right for tissue
+made of flat pieces. Where stiffness varies smoothly it makes steps of it, and calls them certain;
+at high noise it can lose a lesion. What a body is made of the data say: of maps that are sharpened
+more, less and not at all the one is kept whose displacements are expected to be nearest to the true
+ones, by Stein's unbiased estimate of that risk (Ann. Statist. 9, 1981),
+
+    |y − u(y)|² / σ²  +  2 df,        df = E[w · (u(y + σw) − u(y))] / σ,        w ~ N(0, 1),
+
+with the degrees of freedom df found by fitting anew with noise added (Ramani, Blu, Unser, IEEE
+Trans. Image Process. 17, 2008). It is as large as the noise itself, so that what a fit spends on
+choosing its steps counts, which derivatives at the map do not see.
+
+The estimate wants errors that are independent from node to node. Those of a registration, of cells
+that an edge cuts or of a law that is not quite right are alike over many nodes, and look just like
+tissue that varies. So each degree of freedom is charged WARY instead of 2 in the choice, as
+overdispersed counts are (Burnham and Anderson, Model Selection and Multimodel Inference, 2002), and
+σ² is what the sharpest map finds. Where Stein's own estimate does not confirm the choice, or the
+displacements come from a registration, both maps stand: errors are samples of either.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+STEPS = 15
+SETTLED, ROUGHLY = 0.05, 0.1  # largest change of a log-modulus in the last step; with noise added
+# exponents of the reweighted prior, p(jump) ∝ |jump|^−e, by dimension, the sharpest first (a closed
+# surface has many more sides than a closed line, and each costs)
+EXPONENTS = {2: (3.0, 0.75), 3: (0.5,)}
+UNSHARPENED = 0.0
+DRAWS, MANY = 2, 3_000  # of added noise; parameters from which one does, as chance averages out
+WARY = 3.5  # charge for a degree of freedom; from 3.1 to 4.4 it chooses alike in docs/benchmarks.md
+LIMIT = 50_000  # free degrees of freedom beyond which fitting anew costs too much
+
+
+@dataclass(frozen=True)
+class Map:
+    """One of the maps to choose from."""
+
+    exponent: float
+    x: np.ndarray
+    eta: np.ndarray
+    residuals: list
+    misfit: float = 0.0  # |y − u(y)|² / σ², with σ of the variational stage
+    freedom: float = 0.0  # df
+
+    def cost(self, charge: float, noise: float) -> float:
+        """Return the misfit, for a variance of `noise` σ², and the charge for the freedom."""
+        return self.misfit / noise + charge * self.freedom
+
+
+def sharpen(fit) -> tuple[Map, Map | None]:
+    """Leave a fit at the map that is kept, evaluated; return that map, and the other one.
+
+    Parameters
+    ----------
+    fit : object
+        A regularized fit after its variational stage, with ``x``, ``eta``, ``samples``, ``prior``,
+        ``variation``, ``misfit``, ``system``, ``scale``, ``added``, ``evaluate``, ``factorise``,
+        ``step``, ``record``.
+
+    Returns
+    -------
+    kept : Map
+    other : Map or None
+        The unsharpened map, where the data cannot tell which of the two is right.
+    """
+    fit.evaluate()
+    if not len(fit.variation):
+        return _here(fit, UNSHARPENED), None
+    plain, exponents = _here(fit, UNSHARPENED), EXPONENTS[fit.problem.mesh.dim]
+    measured = fit.problem.noise.information is None  # not registered
+    if fit.forward.n_free > LIMIT:
+        kept = _sharpened(fit, exponents[0])
+        return kept, plain
+    stein = Stein(fit, plain)
+    maps = [stein.judged(plain)]
+    for exponent in exponents:
+        _go_to(fit, plain)
+        maps.append(stein.judged(_sharpened(fit, exponent)))
+        noise = maps[1].misfit / fit.n_equations
+        kept = min(maps, key=lambda one: one.cost(WARY, noise))
+        charge = 2 if measured else WARY
+        gain = (maps[0].cost(charge, noise) - kept.cost(charge, noise)) * noise
+        sure = gain > stein.doubt(kept, plain)
+        if sure:
+            break
+    _go_to(fit, kept)
+    if kept is maps[0]:
+        fit.prior.variational(fit.x, fit.samples[0])
+        return kept, None
+    fit.variation.sharpening = kept.exponent
+    fit.prior.reweighted(fit.x, None)
+    return kept, None if sure and measured else plain
+
+
+def rule(kept: Map) -> str:
+    """Return how a map's prior came about, for the report."""
+    first = "variational Bayes of total variation"
+    if kept.exponent == UNSHARPENED:
+        return first
+    return f"{first}, then reweighted with the exponent {kept.exponent:g}"
+
+
+class Stein:
+    """The parts of Stein's estimate for each map, with the same added noise for all.
+
+    Parameters
+    ----------
+    fit : object
+        Evaluated at the unsharpened map.
+    """
+
+    def __init__(self, fit, plain: Map):
+        self.fit, rng = fit, np.random.default_rng(0)
+        fit.factorise()
+        draws = DRAWS if len(fit.x) < MANY else 1
+        self.noise = [fit.misfit.noise(rng, 1, fit.scale) for _ in range(draws)]
+        self.starts, nothing = [], np.zeros((len(fit.x), 1))
+        for noise in self.noise:
+            dx, db = fit.system.solve(nothing, noise, tell=fit.tell)
+            seen = fit.misfit.seen(dx, fit.state.change(dx, db))
+            eta = fit.forward.moved(fit.state, dx[:, 0], [b[:, 0] for b in db])
+            left = _sum(plain.residuals, _sum(noise, seen, -1.0))
+            self.starts.append(Map(UNSHARPENED, plain.x + dx[:, 0], eta, left))
+
+    def judged(self, one: Map) -> Map:
+        """Return the map with its misfit and freedom."""
+        freedom = 0.0
+        for noise, again in zip(self.noise, self._again(one), strict=True):
+            answer = _sum(noise, _sum(again, one.residuals, -1.0), -1.0)
+            freedom += self._product(noise, answer) / len(self.noise)
+        return replace(one, misfit=self._product(one.residuals, one.residuals), freedom=freedom)
+
+    def _again(self, one):
+        """What the same way leaves of the measured numbers with noise added, per draw."""
+        fit = self.fit
+        for noise, start in zip(self.noise, self.starts, strict=True):
+            if one.exponent == UNSHARPENED:  # to first order
+                yield start.residuals
+                continue
+            fit.added = noise
+            _go_to(fit, start)
+            yield _sharpened(fit, one.exponent, ROUGHLY).residuals
+            fit.added = None
+
+    def doubt(self, one: Map, other: Map) -> float:
+        """Return the standard deviation of the difference of two risks that the noise makes."""
+        apart = _sum(one.residuals, other.residuals, -1.0)
+        return 2 * np.sqrt(self._product(apart, apart))
+
+    def _product(self, a, b):
+        """Σ aᵀ W b / σ² of numbers per term and trial."""
+        both = [
+            [np.hstack(pair) for pair in zip(*parts, strict=True)]
+            for parts in zip(a, b, strict=True)
+        ]
+        return float(self.fit.misfit.gram(both, self.fit.scale)[0, 1])
+
+
+def _sharpened(fit, exponent, settled=SETTLED) -> Map:
+    """Reweight and step until the map settles, from where the fit is."""
+    fit.variation.sharpening = exponent
+    for iteration in range(STEPS):
+        if iteration:
+            fit.evaluate()
+        fit.prior.reweighted(fit.x, None)
+        fit.factorise()
+        size = fit.step()
+        fit.record(iteration, STEPS, 0.5, size)
+        if size < settled:
+            break
+    fit.evaluate()
+    return _here(fit, exponent)
+
+
+def _here(fit, exponent) -> Map:
+    return Map(exponent, fit.x, fit.eta, fit.misfit.residuals())
+
+
+def _go_to(fit, one: Map):
+    fit.x, fit.eta = one.x, one.eta
+    fit.evaluate()
+
+
+def _sum(a, b, factor=1.0):
+    """a + factor·b of numbers per term and trial."""
+    return [
+        [p + factor * q for p, q in zip(*parts, strict=True)] for parts in zip(a, b, strict=True)
+    ]
