@@ -21,7 +21,7 @@ from elastoidentify.imaging.registration.parameter_files import (
     read_parameter_map,
     shipped_maps,
 )
-from elastoidentify.workers import elastix_client
+from elastoidentify.workers import elastix_client, elastix_engine
 from elastoidentify.workers.elastix_client import ElastixProcess, LogProgress, find_interpreter
 from hosts import has_elastix
 
@@ -201,6 +201,22 @@ def test_killed_in_the_middle_nothing_stays_and_the_next_one_works():
             worker.register(fixed, moving, [1, 1], bad, points)
         assert "\n" not in str(error.value)
     assert not gone(before)
+
+
+@needs_elastix
+@pytest.mark.slow
+def test_where_itk_has_no_modules_of_single_classes_the_public_ones_are_taken(monkeypatch):
+    """Another version of ITK may name its modules otherwise; the classes are the same."""
+    pytest.importorskip("itk")
+    short, taken = elastix_engine.Elastix(), []
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "itk.itkPyBufferPython", None)
+        without.setattr(elastix_engine.Elastix, "_publicly", lambda self: taken.append(self))
+        elastix_engine.Elastix()
+    (long,) = taken
+    long._publicly()
+    for name in ("parameter_object", "methods", "buffers"):
+        assert getattr(long, name) == getattr(short, name), name
 
 
 @needs_elastix

@@ -182,7 +182,7 @@ class ElastixProcess:
     Parameters
     ----------
     progress : callable, optional
-        Told about the start (loading elastix takes some fifteen seconds the first time).
+        Told about the start (loading elastix takes some seconds the first time).
 
     Raises
     ------

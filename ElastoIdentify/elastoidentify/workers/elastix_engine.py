@@ -60,39 +60,79 @@ def receive(stream):
 NOT_WARPED = {"WriteResultImage": ["false"]}
 
 
-def itk_image(itk, array, spacing):
-    """An ITK image with its first voxel at the origin. `spacing` is ordered like ITK: i, j(, k)."""
-    image = itk.image_from_array(array)
-    image.SetSpacing([float(step) for step in spacing])
-    return image
+class Elastix:
+    """The classes of itk-elastix that a registration of float images takes, by dimension.
+
+    ``itk.ElastixRegistrationMethod`` loads some fifty libraries that its module names and does not
+    use, for ten seconds; the modules of the classes alone load in one. They are not the public face
+    of ITK: where one is missing, the classes come the long way.
+    """
+
+    def __init__(self):
+        try:
+            import itk.elxParameterObjectPython as parameters
+            import itk.itkElastixRegistrationMethodPython as methods
+            import itk.itkPyBufferPython as buffers
+
+            self.parameter_object = parameters.elastixParameterObject
+            self.methods = {
+                d: getattr(methods, f"itkElastixRegistrationMethodIF{d}IF{d}") for d in (2, 3)
+            }
+            self.buffers = {
+                (kind, d): getattr(buffers, f"itkPyBufferI{kind}{d}")
+                for kind in ("F", "UC")
+                for d in (2, 3)
+            }
+        except (ImportError, AttributeError):
+            self._publicly()
+
+    def _publicly(self):
+        import itk
+
+        pixels = {"F": itk.F, "UC": itk.UC}
+        images = {(kind, d): itk.Image[pixels[kind], d] for kind in pixels for d in (2, 3)}
+        self.parameter_object = itk.ParameterObject
+        self.methods = {d: itk.ElastixRegistrationMethod[(images["F", d],) * 2] for d in (2, 3)}
+        self.buffers = {key: itk.PyBuffer[image] for key, image in images.items()}
+
+    def image(self, array, spacing):
+        """An ITK image that shows an array, its first voxel at the origin; `spacing` i, j(, k)."""
+        kind = {"f": "F", "u": "UC"}[array.dtype.kind]
+        image = self.buffers[kind, array.ndim].GetImageViewFromArray(array)
+        image.SetSpacing([float(step) for step in spacing])
+        return image
+
+    def array(self, image, dimension):
+        """A copy of the values of a float image."""
+        return self.buffers["F", dimension].GetArrayFromImage(image)
 
 
-def run_elastix(itk, header, arrays):
+def run_elastix(elastix, header, arrays):
     """Register `moving` to `fixed`, return T(points) and, if asked for, the moving image warped."""
     import numpy as np
 
-    spacing = header["spacing"]
-    fixed, moving = (itk_image(itk, arrays[name], spacing) for name in ("fixed", "moving"))
-    maps = itk.ParameterObject.New()
+    spacing, dimension = header["spacing"], arrays["fixed"].ndim
+    fixed, moving = (elastix.image(arrays[name], spacing) for name in ("fixed", "moving"))
+    maps = elastix.parameter_object.New()
     warp = header.get("warp", True)
     for parameter_map in header["maps"]:
         # warping a large volume takes as long as registering it
         maps.AddParameterMap(parameter_map if warp else {**parameter_map, **NOT_WARPED})
-    method = itk.ElastixRegistrationMethod[type(fixed), type(moving)].New()
+    method = elastix.methods[dimension].New()
     method.SetFixedImage(fixed)
     method.SetMovingImage(moving)
     method.SetParameterObject(maps)
     method.SetNumberOfThreads(1)  # more crash (ITKElastix issue 160)
     method.SetLogToConsole(True)
     if "mask" in arrays:
-        method.SetFixedMask(itk_image(itk, arrays["mask"], spacing))
+        method.SetFixedMask(elastix.image(arrays["mask"], spacing))
     method.UpdateLargestPossibleRegion()
     transform = method.GetCombinationTransform().TransformPoint
     points = arrays["points"]
     mapped = [tuple(transform(point)) for point in points.tolist()]
     result = {"mapped": np.array(mapped, float).reshape(points.shape)}
     if warp:
-        result["warped"] = itk.array_from_image(method.GetOutput()).astype(np.float32)
+        result["warped"] = elastix.array(method.GetOutput(), dimension).astype(np.float32)
     return result
 
 
@@ -100,13 +140,11 @@ def engine():
     """Answer commands until the input ends."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # elastix prints its log to the standard output: send it where logs go
-    import itk
-
-    itk.ElastixRegistrationMethod  # noqa: B018  (loads elastix now, some ten seconds)
+    elastix = Elastix()
     send(answers, {"ready": True})
     while (message := receive(sys.stdin.buffer)) is not None:
         try:
-            result = run_elastix(itk, *message)
+            result = run_elastix(elastix, *message)
         except Exception as error:  # whatever elastix raises goes to the host as text
             send(answers, {"error": f"{type(error).__name__}: {error}"})
         else:

@@ -21,7 +21,7 @@ _LOOK = 0.1  # seconds between two looks at the progress callback, which may can
 def engines_for(dimension: int, trials: int, workers: int | None) -> int:
     """How many elastix processes to use: as asked for, else one for slices, one per core else.
 
-    A process takes some ten seconds to start, longer than a slice takes to register.
+    A slice is registered in seconds, by which a second process would hardly have paid.
     """
     if workers is not None:
         return max(1, min(workers, 2 * trials))
