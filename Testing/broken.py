@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 from elastoidentify.fem.forward import square_mesh
+from forward import symmetric_solver
 from skfem.helpers import ddot, sym_grad, trace
 
 SIDE, STRIP = 30.0, 7.5
@@ -140,15 +141,16 @@ class _Solver:
         fixed = np.unique(np.concatenate([top.all(), floor.all()]))
         tie = self._tie()
         probes = self._probes(points)
+        free = np.setdiff1d(np.arange(basis.N), fixed)
+        T = tie[free][:, np.flatnonzero(np.diff(tie[free].tocsc().indptr))]
+        factored = symmetric_solver(T.T @ K[free][:, free] @ T)
         out = []
         for push, stretch in zip(pushes, stretches, strict=True):
             u = np.zeros(basis.N)
             for axis, size in enumerate(push):
                 u[top.all([f"u^{axis + 1}"])] = size
-            free = np.setdiff1d(np.arange(basis.N), fixed)
-            T = tie[free][:, np.flatnonzero(np.diff(tie[free].tocsc().indptr))]
             right = T.T @ (stretch * load - K @ u)[free]
-            u[free] = T @ sp.linalg.spsolve((T.T @ K[free][:, free] @ T).tocsc(), right)
+            u[free] = T @ factored(right)
             out.append(np.mean([(p @ u).reshape(2, -1).T for p in probes], axis=0))
         return np.array(out)
 
