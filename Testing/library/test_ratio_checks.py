@@ -13,8 +13,8 @@ from elastoidentify.inverse.verdict import judge
 
 
 @functools.cache
-def _case(poisson):
-    return forward.squares(12, poisson=poisson, radius=0.2)
+def _case(poisson, n=12):
+    return forward.squares(n, poisson=poisson, radius=0.2)
 
 
 def _identify(case, u, pad=None, **settings):
@@ -37,7 +37,7 @@ def _noisy(case, seed):
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45, 0.49])
 def test_a_sound_body_raises_no_alarm_and_shows_the_ratio_that_it_has(poisson):
-    case = _case(poisson)
+    case = _case(poisson, n=8)
     shifts = []
     for seed in range(2):
         for options in ({}, {"poisson_std": 0.05}, {"unknowns": "lambda-mu"}):
