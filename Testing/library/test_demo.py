@@ -1,6 +1,7 @@
 """The main job, end to end, on a real MR slice: what the README promises."""
 
 import csv
+import functools
 import json
 
 import pytest
@@ -71,11 +72,14 @@ def test_picture_tables_meshes_and_phantom_are_in_the_folder(demo):
 def test_a_demo_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
     from elastoidentify.errors import Cancelled
     from elastoidentify.examples import demo
+    from elastoidentify.imaging import phantom
 
     def stop(*_, **__):
         raise Cancelled
 
     mr_texture()
+    small = functools.partial(phantom.make_phantom, pixels=48, elements=12)
+    monkeypatch.setattr(phantom, "make_phantom", small)
     monkeypatch.setattr(demo.pipeline, "run", stop)
     with pytest.raises(Cancelled):
         demo.run_demo(tmp_path / "new" / "demo", say=lambda _: None)
