@@ -75,6 +75,24 @@ def _transpose(A):
     return np.swapaxes(A, -1, -2)
 
 
+def _cofactors(A):
+    """det(A) A⁻ᵀ of matrices (…, 2, 2) or (…, 3, 3), many times faster than LAPACK one by one."""
+    x = np.ascontiguousarray(np.moveaxis(A, (-2, -1), (0, 1)))
+    if len(x) == 2:
+        return np.stack([x[1, 1], -x[1, 0], -x[0, 1], x[0, 0]], -1).reshape(A.shape)
+    found = np.empty(A.shape)
+    for i in range(3):
+        for j in range(3):
+            (k, m), (p, q) = ((n - 2, n - 1) for n in (i, j))  # the next two, in a circle
+            found[..., i, j] = x[k, p] * x[m, q] - x[k, q] * x[m, p]
+    return found
+
+
+def _det(A):
+    """Determinants of matrices (…, 2, 2) or (…, 3, 3)."""
+    return (A[..., 0, :] * _cofactors(A)[..., 0, :]).sum(-1)
+
+
 def _green(H):
     """E = ½(FᵀF − I)."""
     return (H + _transpose(H) + _transpose(H) @ H) / 2
@@ -205,7 +223,7 @@ class NeoHookean(_Law):
     def dilatation(self, H):
         # det(I + H) − 1 is the sum of the principal minors of H of every order
         trace = _trace(H)
-        minors = trace + np.linalg.det(H)
+        minors = trace + _det(H)
         if H.shape[-1] == 3:
             minors = minors + (trace**2 - _trace(H @ H)) / 2
         return minors
@@ -231,7 +249,8 @@ class NeoHookean(_Law):
 
     @staticmethod
     def _inverse_t(H):
-        return _transpose(np.linalg.inv(_eye(H) + H))
+        F = _eye(H) + H
+        return _cofactors(F) / _det(F)[..., None, None]
 
 
 class NeoHookeanPlaneStress(NeoHookean):
