@@ -23,11 +23,12 @@ def environment(**changes: str) -> dict[str, str]:
     return {**start, "OPENBLAS_NUM_THREADS": "1", **changes}
 
 
-def run(what: str, *arguments, before=(), timeout=300, **changes):
+def run(what: str, *arguments, before=(), timeout=300, cwd=None, **changes):
     """Run a program of ParaView by the launcher; stdout and stderr come as one text."""
     program({"gui": "paraview"}.get(what, what))
     return subprocess.run(
         [*before, *LAUNCHER, what, *map(str, arguments)],
+        cwd=cwd,
         env=environment(**changes),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -3,6 +3,8 @@
     python docs/examples/make.py [NAME …]
 
 The page of an example has the docstring of its script, its picture, what it printed, and its code.
+``cohort`` needs an environment with ``pip install ".[cohort]"``, ``in_paraview`` ParaView and,
+where there is no display, Xvfb.
 """
 
 import ast
@@ -26,15 +28,20 @@ ORDER = {
     "own_mesh": "seconds",
     "repeatability": "seconds",
     "dicom": "seconds",
+    "planning": "seconds",
+    "in_paraview": "seconds",
+    "cohort": "a minute",
 }
 """The examples in the order of the gallery, and how long each takes."""
+HOSTS = {"in_paraview": ["-m", "elastoidentify.paraview.launch", "pvpython"]}
+"""Words before the script of an example that a host runs."""
 
 INTRODUCTION = """# Gallery
 
-Programs that run as they stand, with `pip install ".[all]"`. Tests run them and compare what they
-print with their pages. *Seconds* and *a minute* are meant on a machine that has nothing else to do.
-Scripts for [ParaView](paraview.md#in-scripts), [3D Slicer](slicer.md#from-a-script) and
-[whole studies](cohort.md) are on their pages.
+Programs that run as they stand, with `pip install ".[all]"`; the last two say what else they need.
+Tests run them and compare what they print with their pages. *Seconds* and *a minute* are meant on a
+machine that has nothing else to do. More scripts for [ParaView](paraview.md#in-scripts), and those
+for [3D Slicer](slicer.md#from-a-script), are on their pages.
 
 | | what | time |
 |---|---|---|
@@ -52,8 +59,9 @@ TOCTREE = """
 
 def run(name: str, folder: Path) -> str:
     """Run an example in a folder, and return what it printed."""
+    before = [] if name not in HOSTS or os.environ.get("DISPLAY") else ["xvfb-run", "-a"]
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / f"{name}.py")],
+        [*before, sys.executable, *HOSTS.get(name, []), str(EXAMPLES / f"{name}.py")],
         cwd=folder,
         env=os.environ | {"MPLBACKEND": "Agg"},
         capture_output=True,
