@@ -19,7 +19,7 @@ from .fem.elastic_constants import lame_from_young
 from .fem.forward import solve_push
 from .imaging.image import Image
 from .inverse.border import Frame
-from .pipeline import cell_blocks, identify_mesh, make_mesh
+from .pipeline import cell_blocks, default_edge_length, identify_mesh, make_mesh
 from .progress import Progress, part, silent
 from .study import Study, check_material
 
@@ -94,7 +94,7 @@ def plan(
     image = study.segmentation
     noise = study.noise or NOISE * image.pixel_sides.min()
     sets = _sets(len(pushes))
-    lengths = list(edge_lengths) or [study.edge_length]
+    lengths = [one or default_edge_length(image) for one in edge_lengths or [study.edge_length]]
     study = copy(study)  # the caller's keeps its edge length and noise
     study.noise = noise
     rows = []

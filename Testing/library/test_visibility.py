@@ -111,6 +111,13 @@ def test_a_plan_compares_pushes_and_edge_lengths():
     assert size(clean[0]) < size(noisy[0])
 
 
+def test_a_plan_without_an_edge_length_says_that_it_took_twelve_voxels():
+    fine = block().array.repeat(4, axis=1).repeat(4, axis=2)
+    image = Image(fine, spacing=(0.25, 0.25, 0.25))
+    (row,) = plan(study(segmentation=image), [(5, (0, -1, 0))])
+    assert row.edge_length == 3.0
+
+
 @pytest.mark.parametrize(
     ("pushes", "more", "said"),
     [
