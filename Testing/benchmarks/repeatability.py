@@ -101,7 +101,7 @@ def measured_without_images(phantom, seed, cause: str):
     rng = np.random.default_rng([12, *seed])
     pixel, by_hand = float(phantom.rest.spacing[0]), cause == "segmentation"
     segmentation = segmented(phantom, rng) if by_hand else phantom.segmentation
-    study = study_of(phantom, segmentation=segmentation, noise=0.05)
+    study = study_of(phantom, segmentation=segmentation, noise=0.05 * pixel)
     mesh = make_mesh(study)
     exact = phantom.displacements(mesh.points)
     noise = rng.normal(0, 0.005 if by_hand else 0.05 * pixel, exact.shape) * [1, 1, 0]
