@@ -33,8 +33,9 @@ def squares():
     ("unknowns", "noise", "typical_limit", "inclusion_limit"),
     [("young", 0.005, 0.04, 0.10), ("young", 0.02, 0.12, 0.30), ("lambda-mu", 0.02, 0.12, 0.30)],
 )
-def test_inclusion_of_three_is_found_through_noise(unknowns, noise, typical_limit, inclusion_limit):
-    squares = forward.squares(14)
+def test_inclusion_of_three_is_found_through_noise(
+    squares, unknowns, noise, typical_limit, inclusion_limit
+):
     std = noise * np.abs(squares.displacements).max()
     result = _identify(squares, squares.noisy(std, seed=1), unknowns=unknowns)
     unknown, inclusion = ~squares.known, squares.young > 1

@@ -16,9 +16,10 @@ choosing its steps counts, which derivatives at the map do not see.
 The estimate wants errors that are independent from node to node. Those of a registration, of cells
 that an edge cuts or of a law that is not quite right are alike over many nodes, and look just like
 tissue that varies. So each degree of freedom is charged WARY instead of 2 in the choice, as
-overdispersed counts are (Burnham and Anderson, Model Selection and Multimodel Inference, 2002), and
-σ² is what the sharpest map finds. Where Stein's own estimate does not confirm the choice, or the
-displacements come from a registration, both maps stand: errors are samples of either.
+overdispersed counts are (Burnham and Anderson, Model Selection and Multimodel Inference, 2002), σ²
+is what the sharpest map finds, and a sharper map is left only for a gain beyond chance. Where
+Stein's own estimate does not confirm the choice, or the displacements come from a registration,
+both maps stand: errors are samples of either.
 """
 
 from dataclasses import dataclass, replace
@@ -47,10 +48,6 @@ class Map:
     misfit: float = 0.0  # |y − u(y)|² / σ², with σ of the variational stage
     freedom: float = 0.0  # df
 
-    def cost(self, charge: float, noise: float) -> float:
-        """Return the misfit, for a variance of `noise` σ², and the charge for the freedom."""
-        return self.misfit / noise + charge * self.freedom
-
 
 def sharpen(fit) -> tuple[Map, Map | None]:
     """Leave a fit at the map that is kept, evaluated; return that map, and the other one.
@@ -77,19 +74,23 @@ def sharpen(fit) -> tuple[Map, Map | None]:
         kept = _sharpened(fit, exponents[0])
         return kept, plain
     stein = Stein(fit, plain)
-    maps = [stein.judged(plain)]
+    plain, kept = stein.judged(plain), None
     for exponent in exponents:
         _go_to(fit, plain)
-        maps.append(stein.judged(_sharpened(fit, exponent)))
-        noise = maps[1].misfit / fit.n_equations
-        kept = min(maps, key=lambda one: one.cost(WARY, noise))
-        charge = 2 if measured else WARY
-        gain = (maps[0].cost(charge, noise) - kept.cost(charge, noise)) * noise
-        sure = gain > stein.doubt(kept, plain)
+        one = stein.judged(_sharpened(fit, exponent))
+        if kept is None:
+            stein.noise = max(one.misfit / fit.n_equations, 1e-9)
+            kept = one
+        elif stein.gain(one, kept, WARY) > stein.doubt(one, kept):
+            kept = one
+        sure = stein.gain(kept, plain, 2 if measured else WARY) > stein.doubt(kept, plain)
         if sure:
             break
+    # of a registration the unsharpened map fits the errors
+    if measured and stein.gain(plain, kept, WARY) > stein.doubt(plain, kept):
+        kept = plain
     _go_to(fit, kept)
-    if kept is maps[0]:
+    if kept is plain:
         fit.prior.variational(fit.x, fit.samples[0])
         return kept, None
     fit.variation.sharpening = kept.exponent
@@ -118,9 +119,10 @@ class Stein:
         self.fit, rng = fit, np.random.default_rng(0)
         fit.factorise()
         draws = DRAWS if len(fit.x) < MANY else 1
-        self.noise = [fit.misfit.noise(rng, 1, fit.scale) for _ in range(draws)]
+        self.added = [fit.misfit.noise(rng, 1, fit.scale) for _ in range(draws)]
+        self.noise = 1.0  # variance of the noise, in units of that of the variational stage
         self.starts, nothing = [], np.zeros((len(fit.x), 1))
-        for noise in self.noise:
+        for noise in self.added:
             dx, db = fit.system.solve(nothing, noise, tell=fit.tell)
             seen = fit.misfit.seen(dx, fit.state.change(dx, db))
             eta = fit.forward.moved(fit.state, dx[:, 0], [b[:, 0] for b in db])
@@ -130,15 +132,15 @@ class Stein:
     def judged(self, one: Map) -> Map:
         """Return the map with its misfit and freedom."""
         freedom = 0.0
-        for noise, again in zip(self.noise, self._again(one), strict=True):
+        for noise, again in zip(self.added, self._again(one), strict=True):
             answer = _sum(noise, _sum(again, one.residuals, -1.0), -1.0)
-            freedom += self._product(noise, answer) / len(self.noise)
+            freedom += self._product(noise, answer) / len(self.added)
         return replace(one, misfit=self._product(one.residuals, one.residuals), freedom=freedom)
 
     def _again(self, one):
         """What the same way leaves of the measured numbers with noise added, per draw."""
         fit = self.fit
-        for noise, start in zip(self.noise, self.starts, strict=True):
+        for noise, start in zip(self.added, self.starts, strict=True):
             if one.exponent == UNSHARPENED:  # to first order
                 yield start.residuals
                 continue
@@ -147,10 +149,14 @@ class Stein:
             yield _sharpened(fit, one.exponent, ROUGHLY).residuals
             fit.added = None
 
+    def gain(self, one: Map, other: Map, charge: float) -> float:
+        """Return by how much the risk of one is below that of the other."""
+        return (other.misfit - one.misfit) / self.noise + charge * (other.freedom - one.freedom)
+
     def doubt(self, one: Map, other: Map) -> float:
-        """Return the standard deviation of the difference of two risks that the noise makes."""
+        """Return the standard deviation of the gain that the noise makes."""
         apart = _sum(one.residuals, other.residuals, -1.0)
-        return 2 * np.sqrt(self._product(apart, apart))
+        return 2 * np.sqrt(self._product(apart, apart) / self.noise)
 
     def _product(self, a, b):
         """Σ aᵀ W b / σ² of numbers per term and trial."""
