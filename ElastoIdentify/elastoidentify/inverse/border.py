@@ -14,6 +14,7 @@ from ..fem.contact import Pairs, on_two_sides, touching
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..study import check_material
+from .inverted import folded
 from .out_of_plane import Stretch
 
 NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
@@ -564,11 +565,11 @@ def motion_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
     notes = []
     for v, trial in zip(u, trials, strict=True):
         notes += _unit_notes(v, frame.size, trial)
-        folded = folded_cells(frame.mesh, v)
-        if len(folded):
+        cells = np.flatnonzero(folded(frame.mesh, v))
+        if len(cells):
             notes.append(
-                f"the displacements of trial {trial} turn {len(folded)} of {frame.mesh.n_cells} "
-                f"cells inside out, the first is cell {folded[0]}: no body moves so; check the "
+                f"the displacements of trial {trial} turn {len(cells)} of {frame.mesh.n_cells} "
+                f"cells inside out, the first is cell {cells[0]}: no body moves so; check the "
                 "registration there, or the order of the nodes"
             )
     return notes
@@ -583,15 +584,6 @@ def _unit_notes(u, size, trial):
         f"the displacements of trial {trial} differ by {spread:.2g} on a mesh of size {size:.3g}: "
         "are both in one unit of length?"
     ]
-
-
-def folded_cells(mesh: Mesh, u: np.ndarray) -> np.ndarray:
-    """Return the cells that displacements (n, d) turn inside out."""
-    folded = [
-        block.ids[(np.linalg.det(np.eye(mesh.dim) + block.gradient(u)) <= 0).any(axis=1)]
-        for block in mesh.blocks
-    ]
-    return np.sort(np.concatenate(folded))
 
 
 def pieces_of(mesh: Mesh, touch: np.ndarray | None = None) -> tuple[int, np.ndarray]:

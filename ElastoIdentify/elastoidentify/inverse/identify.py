@@ -24,6 +24,7 @@ from . import border
 from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
+from .inverted import folded, may_be_mended, mended
 from .methods import METHODS
 from .model_misfit import summary
 from .observations import DisplacementNoise, scale_from_known_cells
@@ -172,7 +173,8 @@ def identify(
     metric = border.information(frame, information, len(u))
     lost = border.lost_trials(frame, metric, len(u))
     trials = 1 + np.flatnonzero(~lost)
-    problem = _problem(frame, setting, u[~lost], None if metric is None else metric[~lost], trials)
+    metric = None if metric is None else metric[~lost]
+    problem = _problem(frame, setting, u[~lost], metric, trials, method)
     if look_at is not None:
         problem = replace(problem, look_at=frame.place(look_at))
     if stretch is not None:
@@ -210,6 +212,7 @@ def identify(
         "requested_method": method, "trials": len(trials),
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
         "large_push": large_push, "contact": contact,
+        "inverted_cells": np.flatnonzero(problem.inverted).tolist(),
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
         "model_misfit": estimate.misfit and summary(
             problem.mesh, frame.centres(points), problem.unknowns.known, estimate.misfit
@@ -390,21 +393,28 @@ def _cut_nodes(frame, outer_border, reaction):
     return cut
 
 
-def _problem(frame, setting, u, metric, trials):
+def _problem(frame, setting, u, metric, trials, method):
     """The Problem of the trials that are left; their numbers are for what is said about them."""
     border.check_displacements(frame, u, trials)
     frame.notes += border.order_notes(frame, u, trials)
-    u = frame.to_plane(u[:, frame.nodes])
+    u, unbelieved = frame.to_plane(u[:, frame.nodes]), None
+    inside_out = np.stack([folded(frame.mesh, v) for v in u])
+    # the other methods take every displacement as it is
+    if may_be_mended(inside_out) and method in ("auto", "regularized"):
+        spoiled = mended(frame.mesh, u, inside_out)
+        frame.notes += spoiled.sentences(trials)
+        u, unbelieved = spoiled.displacements, spoiled.nodes
     frame.notes += border.motion_notes(frame, u, trials)
     if metric is not None and setting.noise is not None:
         frame.notes.append(
             "the noise given was not used: the displacement information says how large the error "
             "of every displacement is, up to one factor, which is estimated"
         )
-    errors = DisplacementNoise(u, metric, setting.noise if metric is None else None)
+    errors = DisplacementNoise(u, metric, setting.noise if metric is None else None, unbelieved)
     return Problem(
         frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine,
         setting.element, setting.labels, setting.slip, setting.sliding,
+        inverted=inside_out.any(axis=0),
     )  # fmt: skip
 
 
@@ -439,8 +449,9 @@ def _without(problem, setting, apart):
         unknowns=setting.make_unknowns(keep),
         reaction=problem.reaction[nodes],
         noise=DisplacementNoise(
-            u, None if metric is None else metric[:, nodes], problem.noise.scale
-        ),
+            u, None if metric is None else metric[:, nodes], problem.noise.scale,
+            problem.noise.lost[:, nodes],
+        ),  # fmt: skip
         labels=None if problem.labels is None else problem.labels[keep],
         sliding=problem.sliding[nodes],
     )
@@ -567,6 +578,8 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
             # λ of a material like cork is zero, and then its error is measured by μ
             lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
     status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
+    if problem.noise.lost.any():
+        status[problem.inverted] = Status.NOT_DETERMINED
     status[known] = Status.KNOWN
     residuals = _residuals(problem, estimate)
     none = status == Status.NOT_DETERMINED

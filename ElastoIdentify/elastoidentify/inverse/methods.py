@@ -132,6 +132,8 @@ def _needs_the_fit(problem: Problem) -> str:
         return "it alone estimates Poisson's ratio with the map"
     if problem.stretch is not None and problem.stretch.std:
         return "it alone estimates the stretch out of the plane"
+    if problem.noise.lost.any():
+        return "it alone does without the displacements of some nodes"
     return ""
 
 

@@ -54,12 +54,13 @@ class Displacements:
     def __init__(self, forward: Equilibrium):
         noise, B, y = forward.problem.noise, forward.measured, forward.data
         rows, n, n_trials = np.flatnonzero(forward.coarse), B.shape[1], y.shape[1]
+        dim, measured = forward.mesh.dim, forward.free[forward.free < forward.problem.mesh.n_dofs]
         self.pick = sp.csr_matrix((np.ones(n), (np.arange(n), rows)), (n, forward.n_eta))
-        self.n_equations = n_trials * (n - len(forward.held))
-        shared = noise.information is None
+        lost = noise.lost[:, measured // dim]
+        self.n_equations = n_trials * (n - len(forward.held)) - int(lost.sum())
         self.weight, self.root, self.data = [], [], np.empty((n, n_trials))
         for t in range(n_trials):
-            if not (t and shared):
+            if not (t and noise.alike):
                 W = block_diagonal(np.linalg.inv(noise.covariances(t)))
                 weight = B.T @ W @ B
                 C = per_block(np.linalg.inv, weight)

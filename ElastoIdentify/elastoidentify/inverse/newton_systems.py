@@ -77,7 +77,7 @@ class DirectSystem:
         if key not in self._covariances:
             C = o.by_eta.T @ (o.root @ o.root.T) @ o.by_eta
             missing = C.diagonal() == 0
-            nearly_free = missing * UNMEASURED * C.diagonal()[~missing].mean()
+            nearly_free = missing * UNMEASURED * np.median(C.diagonal()[~missing])
             self._covariances[key] = o.root, (C + sp.diags(nearly_free)).tocsr()
         return self._covariances[key][1]
 

@@ -7,6 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from ..fem.assembly import internal_forces, tangent_stiffness
 from .balance_system import BalanceSystem
 
+FLOOR = 1e-6  # of the largest information: free in practice
 ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
 MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
 
@@ -25,32 +26,42 @@ class DisplacementNoise:
         the largest eigenvalue of their trial, which leaves them free in practice.
     scale : float, optional
         The scale where the user knows it.
+    lost : (n_trials, n_nodes) bool, optional
+        Displacements of which nothing is known: their information is that floor.
     """
 
-    def __init__(self, displacements, information=None, scale=None):
+    def __init__(self, displacements, information=None, scale=None, lost=None):
         self.shape = displacements.shape
         self.scale = scale
+        self.lost = np.zeros(self.shape[:2], bool) if lost is None else lost
         # rounding of the positions that displacements are differences of
         self.round_off = 4 * np.finfo(float).eps * np.abs(displacements).max(initial=0.0)
         self.information = None
         if information is not None:
             values, vectors = np.linalg.eigh(information)
             largest = values.max(axis=(1, 2), keepdims=True)
-            values = np.maximum(values, 1e-6 * np.maximum(largest, np.finfo(float).tiny))
+            values = np.where(self.lost[..., None], 0.0, values)
+            values = np.maximum(values, FLOOR * np.maximum(largest, np.finfo(float).tiny))
             self.information = np.einsum("tnij,tnj,tnkj->tnik", vectors, values, vectors)
             self.root = vectors / np.sqrt(values)[..., None, :]  # C = root rootᵀ
             self.round_off *= np.sqrt(np.median(values))
 
+    @property
+    def alike(self) -> bool:
+        """True if the covariance is the same in all trials."""
+        return self.information is None and not self.lost.any()
+
     def samples(self, m: int, seed: int = 0) -> np.ndarray:
         """Return m errors of unit scale, (m, n_trials, n_nodes, d)."""
         z = np.random.default_rng(seed).standard_normal((m, *self.shape))
-        return z if self.information is None else np.einsum("tnij,mtnj->mtni", self.root, z)
+        if self.information is None:
+            return z / np.sqrt(np.where(self.lost, FLOOR, 1.0))[..., None]
+        return np.einsum("tnij,mtnj->mtni", self.root, z)
 
     def covariances(self, trial: int) -> np.ndarray:
         """Return C of a trial, (n_nodes, d, d)."""
         if self.information is None:
-            _, n, d = self.shape
-            return np.broadcast_to(np.eye(d), (n, d, d))
+            return np.eye(self.shape[2]) / np.where(self.lost[trial], FLOOR, 1.0)[:, None, None]
         root = self.root[trial]
         return root @ np.swapaxes(root, -1, -2)
 

@@ -32,6 +32,7 @@ class Problem:
 
     stretch: Stretch | None = None  # out of the plane
     look_at: np.ndarray | None = None  # (d,) place for which it is asked what could be seen
+    inverted: np.ndarray | None = None  # (n_cells,) bool: inside out in some trial as measured
 
     def laws(self, stretches: np.ndarray | None = None) -> list[Kinematics]:
         """Return the law of each trial, with the stretches out of the plane given or found."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .inverted import MOST
 from .ratio_checks import contradicts, reason
 
 NOISE_FACTOR = 1.6
@@ -28,7 +29,7 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     ----------
     report : dict
         Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
-        typical_error, lost_trials, cut_nodes, large_push, model_misfit.
+        typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -69,6 +70,12 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     typical = report.get("typical_error")
     if typical is not None and typical > 0.3:
         bad.append(f"the typical error of a cell is {typical:.0%}: the map is mostly noise")
+    inverted_share = len(report.get("inverted_cells", ())) / sum(cells.values())
+    if inverted_share:
+        (bad if inverted_share > MOST else doubtful).append(
+            f"the displacements turn {len(report['inverted_cells'])} cells inside out: the "
+            "registration was lost there"
+        )
     local = report.get("model_misfit")
     if local and local["share"] > SOME_MISFIT:
         (bad if local["share"] > MUCH_MISFIT else doubtful).append(_where(local))
