@@ -136,7 +136,9 @@ def test_a_map_of_which_more_than_a_tenth_inverts_is_not_mended_and_not_to_be_tr
 @pytest.mark.parametrize("method", ["sequential", "global"])
 def test_methods_that_take_every_displacement_as_it_is_refuse_as_before(square, method):
     with pytest.raises(InputError, match="inside out"):
-        found(square, spoiled(square, square.displacements, 3), "neo-hookean", "cell", method=method)
+        found(
+            square, spoiled(square, square.displacements, 3), "neo-hookean", "cell", method=method
+        )
 
 
 @pytest.mark.parametrize("kinematics, count", [("small-strain", 3), ("neo-hookean", 1)])

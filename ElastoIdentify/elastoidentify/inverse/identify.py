@@ -449,9 +449,11 @@ def _without(problem, setting, apart):
         unknowns=setting.make_unknowns(keep),
         reaction=problem.reaction[nodes],
         noise=DisplacementNoise(
-            u, None if metric is None else metric[:, nodes], problem.noise.scale,
+            u,
+            None if metric is None else metric[:, nodes],
+            problem.noise.scale,
             problem.noise.lost[:, nodes],
-        ),  # fmt: skip
+        ),
         labels=None if problem.labels is None else problem.labels[keep],
         sliding=problem.sliding[nodes],
     )

@@ -81,7 +81,7 @@ class _Fit:
         self.system = self._make_system()
         self.scale = problem.noise.scale
         self.samples = self.added = None  # added: noise on the measured numbers, per term and trial
-        self.log = []
+        self.log, self.rounds = [], 0  # rounds of sharpening
         self.at = (0.0, "regularized: first fit")
 
     def _make_system(self):
@@ -190,7 +190,7 @@ class _Fit:
             if given is None:
                 left = max(n - self.effective, 0.05 * n)
                 self.scale = self._floor(self.misfit.value() / left)
-            self.record(iteration, VARIATIONAL_STEPS, 0.0, size)
+            self.record(0.5 * (iteration + 1) / VARIATIONAL_STEPS, size)
             if size < SETTLED and abs(self.scale / before - 1) < 0.02:
                 break
 
@@ -319,11 +319,12 @@ class _Fit:
         """Say where the fit is, and let it be cancelled there."""
         self.progress(*self.at)
 
-    def record(self, iteration, steps, start, size):
+    def record(self, done, size):
+        """Note a step, the share of the fit that is done with it, and how far it went."""
         misfit = self.misfit.value() / self.scale**2 / max(self.n_equations, 1)
         self.log.append({"misfit": misfit, "step": float(size), "noise_scale": self.scale})
         self.at = (
-            start + 0.5 * (iteration + 1) / steps,
+            done,
             f"regularized: step {len(self.log)}, misfit {misfit:.3f}, largest change {size:.2g}",
         )
         self.tell()

@@ -56,8 +56,8 @@ def sharpen(fit) -> tuple[Map, Map | None]:
     ----------
     fit : object
         A regularized fit after its variational stage, with ``x``, ``eta``, ``samples``, ``prior``,
-        ``variation``, ``misfit``, ``system``, ``scale``, ``added``, ``evaluate``, ``factorise``,
-        ``step``, ``record``.
+        ``variation``, ``misfit``, ``system``, ``scale``, ``added``, ``rounds``, ``evaluate``,
+        ``factorise``, ``step``, ``record``.
 
     Returns
     -------
@@ -170,15 +170,17 @@ class Stein:
 def _sharpened(fit, exponent, settled=SETTLED) -> Map:
     """Reweight and step until the map settles, from where the fit is."""
     fit.variation.sharpening = exponent
+    most = len(EXPONENTS[fit.problem.mesh.dim]) * (1 + DRAWS)
     for iteration in range(STEPS):
         if iteration:
             fit.evaluate()
         fit.prior.reweighted(fit.x, None)
         fit.factorise()
         size = fit.step()
-        fit.record(iteration, STEPS, 0.5, size)
+        fit.record(0.5 + 0.48 * (fit.rounds + (iteration + 1) / STEPS) / most, size)
         if size < settled:
             break
+    fit.rounds += 1
     fit.evaluate()
     return _here(fit, exponent)
 
