@@ -204,8 +204,8 @@ class _Fit:
         """
         fine = FINE if self.by_products else TOLERANCE
         sharpened = self.kept.exponent != UNSHARPENED
-        registered, others = self.problem.noise.information is not None, None
-        if self.other is not None and not registered:
+        others = None
+        if self.other is not None:
             self.prior.variational(self.x, self.samples[0])
             self.factorise()
             others = self.sample_posterior(SAMPLES, fine)
@@ -217,8 +217,6 @@ class _Fit:
         if self.parameters.n <= FEW:
             self.exact_posterior()
         if self.other is not None:
-            # of a registration the unsharpened map fits the errors, and so claims too much of them
-            others = self.samples[0] if others is None else others
             both = np.hstack([self.samples[0], (self.other.x - self.x)[:, None] + others])
             self.samples = (both, *self.samples[1:])
 

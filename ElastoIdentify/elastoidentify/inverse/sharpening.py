@@ -18,8 +18,9 @@ that an edge cuts or of a law that is not quite right are alike over many nodes,
 tissue that varies. So each degree of freedom is charged WARY instead of 2 in the choice, as
 overdispersed counts are (Burnham and Anderson, Model Selection and Multimodel Inference, 2002), σ²
 is what the sharpest map finds, and a sharper map is left only for a gain beyond chance. Where
-Stein's own estimate does not confirm the choice, or the displacements come from a registration,
-both maps stand: errors are samples of either.
+Stein's own estimate does not confirm the choice, both maps stand: errors are samples of either.
+Displacements that come with their information are a registration's: the unsharpened map would fit
+their errors, so the sharpest map is taken as it is.
 """
 
 from dataclasses import dataclass, replace
@@ -69,10 +70,10 @@ def sharpen(fit) -> tuple[Map, Map | None]:
     if not len(fit.variation):
         return _here(fit, UNSHARPENED), None
     plain, exponents = _here(fit, UNSHARPENED), EXPONENTS[fit.problem.mesh.dim]
-    measured = fit.problem.noise.information is None  # not registered
+    if fit.problem.noise.information is not None:
+        return _sharpened(fit, exponents[0]), None
     if fit.forward.n_free > LIMIT:
-        kept = _sharpened(fit, exponents[0])
-        return kept, plain
+        return _sharpened(fit, exponents[0]), plain
     stein = Stein(fit, plain)
     plain, kept = stein.judged(plain), None
     for exponent in exponents:
@@ -83,11 +84,10 @@ def sharpen(fit) -> tuple[Map, Map | None]:
             kept = one
         elif stein.gain(one, kept, WARY) > stein.doubt(one, kept):
             kept = one
-        sure = stein.gain(kept, plain, 2 if measured else WARY) > stein.doubt(kept, plain)
+        sure = stein.gain(kept, plain, 2) > stein.doubt(kept, plain)
         if sure:
             break
-    # of a registration the unsharpened map fits the errors
-    if measured and stein.gain(plain, kept, WARY) > stein.doubt(plain, kept):
+    if stein.gain(plain, kept, WARY) > stein.doubt(plain, kept):
         kept = plain
     _go_to(fit, kept)
     if kept is plain:
@@ -95,7 +95,7 @@ def sharpen(fit) -> tuple[Map, Map | None]:
         return kept, None
     fit.variation.sharpening = kept.exponent
     fit.prior.reweighted(fit.x, None)
-    return kept, None if sure and measured else plain
+    return kept, None if sure else plain
 
 
 def rule(kept: Map) -> str:
