@@ -75,7 +75,8 @@ def model_misfit(fit, stated: float | None) -> ModelMisfit:
         noise = sum(
             np.einsum("im,im->m", one, S @ one) for one, S in zip(q, fit.system.S, strict=True)
         )
-        scale = scale * np.sqrt(noise[0] / noise[1:].mean()) if noise[1:].any() else scale
+        if noise[0] > 0 and noise[1:].mean() > 0:  # else both are rounding
+            scale = scale * np.sqrt(noise[0] / noise[1:].mean())
         scale = max(scale, stated or 0.0)
     variance[unseen] = 0.0
     law = ((G @ state.eta).reshape(mesh.n_cells, dim**2, -1) ** 2).sum(axis=(1, 2))

@@ -156,7 +156,7 @@ class Stein:
     def doubt(self, one: Map, other: Map) -> float:
         """Return the standard deviation of the gain that the noise makes."""
         apart = _sum(one.residuals, other.residuals, -1.0)
-        return 2 * np.sqrt(self._product(apart, apart) / self.noise)
+        return 2 * np.sqrt(max(self._product(apart, apart), 0.0) / self.noise)
 
     def _product(self, a, b):
         """Σ aᵀ W b / σ² of numbers per term and trial."""
