@@ -80,7 +80,7 @@ def sharpen(fit) -> tuple[Map, Map | None]:
         _go_to(fit, plain)
         one = stein.judged(_sharpened(fit, exponent))
         if kept is None:
-            stein.noise = max(one.misfit / fit.n_equations, 1e-9)
+            stein.noise = max(one.misfit / max(fit.n_equations, 1), 1e-9)
             kept = one
         elif stein.gain(one, kept, WARY) > stein.doubt(one, kept):
             kept = one
