@@ -34,7 +34,7 @@ SETTLED, ROUGHLY = 0.05, 0.1  # largest change of a log-modulus in the last step
 EXPONENTS = {2: (3.0, 0.75), 3: (0.5,)}
 UNSHARPENED = 0.0
 DRAWS, MANY = 2, 3_000  # of added noise; parameters from which one does, as chance averages out
-WARY = 3.5  # charge for a degree of freedom; from 3.1 to 4.4 it chooses alike in docs/benchmarks.md
+WARY = 3.5  # charge for a degree of freedom, chosen on the bodies that docs/theory.md names
 LIMIT = 50_000  # free degrees of freedom beyond which fitting anew costs too much
 
 
