@@ -28,6 +28,7 @@ class Observation:
     weight: sp.csr_matrix  # (k, k) inverse covariance, up to the noise scale
     root: sp.csr_matrix  # covariance = root rootᵀ
     scaled: bool  # whether the covariance is to be multiplied by the noise scale, squared
+    shared: float = 0.0  # correlation of an error with that of the same number in another trial
 
     def factor(self, scale: float) -> float:
         """Return what the covariance is multiplied by."""
@@ -59,6 +60,7 @@ class Displacements:
         lost = noise.lost[:, measured // dim]
         self.n_equations = n_trials * (n - len(forward.held)) - int(lost.sum())
         self.weight, self.root, self.data = [], [], np.empty((n, n_trials))
+        self.shared = noise.shared
         for t in range(n_trials):
             if not (t and noise.alike):
                 W = block_diagonal(np.linalg.inv(noise.covariances(t)))
@@ -72,7 +74,7 @@ class Displacements:
     def observe(self, state):
         residual = self.data - self.pick @ state.eta
         return [
-            Observation(r, self.pick, None, W, root, True)
+            Observation(r, self.pick, None, W, root, True, self.shared)
             for r, W, root in zip(residual.T, self.weight, self.root, strict=True)
         ]
 
@@ -99,15 +101,12 @@ class Misfit:
         """Return per term and trial measured − computed, (k, 1)."""
         return [[o.residual[:, None] for o in term] for term in self.terms]
 
-    def noise(self, random: np.random.Generator, m: int, scale: float):
-        """Return per term and trial m samples of the measurements' errors, (k, m)."""
-        return [
-            [
-                np.sqrt(o.factor(scale)) * (o.root @ random.standard_normal((o.root.shape[1], m)))
-                for o in term
-            ]
-            for term in self.terms
-        ]
+    def noise(self, random: np.random.Generator, m: int, scale: float, shared: bool = False):
+        """Return per term and trial m samples of the measurements' errors, (k, m).
+
+        Independent from trial to trial, as the weights take them to be; with `shared` as they are.
+        """
+        return [_errors(term, random, m, scale, shared) for term in self.terms]
 
     def weighted(self, numbers, scale: float) -> list[np.ndarray]:
         """Return the gradients of ½ Σ vᵀ W v / σ² by η, per trial, and by x; v per term, trial."""
@@ -137,3 +136,15 @@ class Misfit:
             ]
             for term in self.terms
         ]
+
+
+def _errors(term, random, m, scale, shared):
+    """Samples of one term's errors, (k, m) per trial."""
+    parts = [random.standard_normal((o.root.shape[1], m)) for o in term]
+    if shared and any(o.shared for o in term):
+        common = random.standard_normal(parts[0].shape)
+        parts = [
+            np.sqrt(o.shared) * common + np.sqrt(1 - o.shared) * own
+            for o, own in zip(term, parts, strict=True)
+        ]
+    return [np.sqrt(o.factor(scale)) * (o.root @ part) for o, part in zip(term, parts, strict=True)]

@@ -10,6 +10,9 @@ from .balance_system import BalanceSystem
 FLOOR = 1e-6  # of the largest information: free in practice
 ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
 MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
+SHARED = 0.5
+"""Correlation of a node's errors in two trials that were registered to one rest image: that image's
+noise is half of the variance of each. Measured on image phantoms: 0.47 (docs/registration.md)."""
 
 
 class DisplacementNoise:
@@ -45,6 +48,11 @@ class DisplacementNoise:
             self.information = np.einsum("tnij,tnj,tnkj->tnik", vectors, values, vectors)
             self.root = vectors / np.sqrt(values)[..., None, :]  # C = root rootᵀ
             self.round_off *= np.sqrt(np.median(values))
+
+    @property
+    def shared(self) -> float:
+        """Correlation of a node's errors between trials: information comes with images."""
+        return 0.0 if self.information is None or len(self.lost) < 2 else SHARED
 
     @property
     def alike(self) -> bool:

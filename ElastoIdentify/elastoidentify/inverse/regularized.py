@@ -128,12 +128,15 @@ class _Fit:
         self.eta = self.forward.moved(self.state, dx, db)
         return size
 
-    def sample_posterior(self, m, tolerance):
-        """Set and return m samples of the Gaussian posterior around x, (n_x, m)."""
+    def sample_posterior(self, m, tolerance, shared=False):
+        """Set and return m samples of the Gaussian posterior around x, (n_x, m).
+
+        With `shared` trials have the errors in common that they really have.
+        """
         rng = np.random.default_rng(0)  # the same numbers every time: else the steps never settle
         root = self.prior.root()
         prior_part = root @ rng.standard_normal((root.shape[1], m))
-        errors = self.misfit.noise(rng, m, self.scale)
+        errors = self.misfit.noise(rng, m, self.scale, shared)
         near = self.samples
         if near is not None and near[0].shape[1] != m:
             near = None
@@ -150,10 +153,28 @@ class _Fit:
         self.factorise()
         nothing = [[np.zeros((len(o.residual), n)) for o in term] for term in self.misfit.terms]
         covariance, *rest = self.system.solve(np.eye(n), nothing, tell=self.tell)
+        covariance = covariance + self._shared_covariance(covariance, *rest)
         values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
         root = vectors * np.sqrt(n * np.maximum(values, 0.0))
         # each twice: the cells' own error is added with either sign, and must not mix with them
         self.samples = (np.repeat(root, 2, axis=1), *rest)
+
+    def _shared_covariance(self, dx, db):
+        """What errors that trials have in common add to the covariance of x, (n_x, n_x).
+
+        The estimate answers errors v with dx = Σ_t A_t v_t, A_tᵀ = W_t J_t H⁻¹ / σ², where dx and
+        db are the columns of H⁻¹; errors of covariance ρ C between trials s ≠ t add ρ A_s C A_tᵀ.
+        """
+        seen, total = self.misfit.seen(dx, self.state.change(dx, db)), 0.0
+        for term, parts in zip(self.misfit.terms, seen, strict=True):
+            answers = [
+                o.root.T @ (o.weight @ part) / np.sqrt(o.factor(self.scale))
+                for o, part in zip(term, parts, strict=True)
+            ]
+            if term[0].shared:
+                both = sum(answers)
+                total = total + term[0].shared * (both.T @ both - sum(a.T @ a for a in answers))
+        return total
 
     def run(self) -> Estimate:
         self.first_fit()
@@ -208,12 +229,12 @@ class _Fit:
         if self.other is not None:
             self.prior.variational(self.x, self.samples[0])
             self.factorise()
-            others = self.sample_posterior(SAMPLES, fine)
+            others = self.sample_posterior(SAMPLES, fine, shared=True)
         for _ in range(POSTERIOR_STEPS if sharpened else len(self.variation) > 0):
             if sharpened:
                 self.prior.reweighted(self.x, self.samples[0])
             self.factorise()
-            self.sample_posterior(SAMPLES, fine)
+            self.sample_posterior(SAMPLES, fine, shared=True)
         if self.parameters.n <= FEW:
             self.exact_posterior()
         if self.other is not None:
