@@ -24,6 +24,7 @@ from . import border
 from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
+from .edges import with_edges
 from .inverted import folded, may_be_mended, mended
 from .methods import METHODS
 from .model_misfit import summary
@@ -473,7 +474,9 @@ def _spread(estimate, keep):
     if misfit is not None:
         share, stress = spread(misfit.share, np.nan), spread(misfit.stress, np.nan)
         misfit = replace(misfit, share=share, stress=stress)
-    return replace(estimate, **arrays, order=spread(estimate.order, -1), misfit=misfit)
+    edges = None if estimate.edges is None else np.flatnonzero(keep)[estimate.edges]
+    order = spread(estimate.order, -1)
+    return replace(estimate, **arrays, order=order, misfit=misfit, edges=edges)
 
 
 def _check_noise(problem, estimate):
@@ -586,6 +589,8 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
     residuals = _residuals(problem, estimate)
     none = status == Status.NOT_DETERMINED
     young, poisson = young_from_lame(lam, mu)
+    errors = with_edges(errors, lam, mu, estimate.edges)
+    lam_std, mu_std = errors.std("Lambda"), errors.std("Mu")
     young_std, poisson_std = errors.std("YoungModulus"), errors.std("PoissonRatio")
     for array in (lam, mu, lam_std, mu_std, young, poisson, young_std, poisson_std):
         array[none] = np.nan

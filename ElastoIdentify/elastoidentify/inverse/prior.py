@@ -77,10 +77,13 @@ class TotalVariation:
 
     FIRST_VARIANCE = 0.25  # of differences of log-moduli, before any sample
 
-    def __init__(self, mesh: Mesh, parameters: LogParameters):
+    def __init__(self, mesh: Mesh, parameters: LogParameters, labels: np.ndarray | None = None):
         unknowns = parameters.unknowns
         n, self.n_fields = unknowns.n_groups, unknowns.per_group
         pairs, sizes = mesh.interfaces
+        if labels is not None:
+            same = labels[pairs[:, 0]] == labels[pairs[:, 1]]
+            pairs, sizes = pairs[same], sizes[same]
         pairs = unknowns.group[pairs]
         inside = (pairs >= 0).all(axis=1)
         # labels are few and well determined: a prior between them would only bias their contrast
@@ -95,7 +98,9 @@ class TotalVariation:
         self.difference = sp.hstack([fields, beside], format="csr")
         self.size = np.tile(sizes / (sizes.mean() if m else 1.0), self.n_fields)
         self.field = np.repeat(np.arange(self.n_fields), m)
-        self.n_groups, self.sharpening = n, None  # exponent of the sharpened map, to be set
+        self.pairs, self.n_groups = pairs, n  # (m, 2) groups on either side
+        self.sharpening = None  # exponent of the sharpened map, to be set
+        self.released = np.zeros(len(self.size), bool)  # differences that it leaves alone
         self.weights, self.field_weight = np.zeros(len(self.size)), np.zeros(self.n_fields)
 
     def __len__(self) -> int:
@@ -121,7 +126,7 @@ class TotalVariation:
         if samples is not None:
             exponent, variance = REWEIGHTING, self._variance(samples)
         jump = (self.difference @ x) ** 2 + variance + SMOOTHING**2
-        self.weights = exponent * self.size / jump
+        self.weights = np.where(self.released, 0.0, exponent * self.size / jump)
 
     def hessian(self):
         return self.difference.T @ sp.diags(self.weights) @ self.difference

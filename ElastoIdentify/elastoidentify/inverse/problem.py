@@ -85,6 +85,8 @@ class Estimate:
         Where the model does not fit; None where the method cannot tell.
     stretches : (n_trials,), optional
         Found out of the plane.
+    edges : (k, 2) int, optional
+        Cells on either side of an edge of the map that no label follows.
     """
 
     lam: np.ndarray
@@ -96,6 +98,7 @@ class Estimate:
     warnings: list[str] = field(default_factory=list)
     misfit: ModelMisfit | None = None
     stretches: np.ndarray | None = None
+    edges: np.ndarray | None = None
 
     @property
     def lam_std(self):

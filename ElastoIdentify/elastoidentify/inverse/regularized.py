@@ -76,7 +76,7 @@ class _Fit:
         self.forward = Equilibrium(problem, self.parameters, self.refine, problem.element)
         self.terms = [Displacements(self.forward)]
         self.n_equations = sum(term.n_equations for term in self.terms)
-        self.variation = TotalVariation(mesh, self.parameters)
+        self.variation = TotalVariation(mesh, self.parameters, problem.labels)
         self.prior = Prior([self.variation, anchor(self.parameters), *self.parameters.prior()])
         self.system = self._make_system()
         self.scale = problem.noise.scale
@@ -328,8 +328,18 @@ class _Fit:
         order = np.full(len(lam), -1)
         return Estimate(
             lam, mu, L @ errors, M @ errors, order, report, warnings, self.unexplained,
-            self.parameters.stretches(self.x),
+            self.parameters.stretches(self.x), self._edges(),
         )  # fmt: skip
+
+    def _edges(self):
+        """Pairs of cells at edges of the map that no label follows, (k, 2)."""
+        found = self.variation.released.reshape(self.variation.n_fields, -1).any(axis=0)
+        pairs = np.flatnonzero(~self.problem.unknowns.known)[self.variation.pairs[found]]
+        labels = self.problem.labels
+        if labels is None:
+            return pairs
+        one, other = labels[pairs].T
+        return pairs[one == other]
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))
