@@ -117,7 +117,8 @@ CASES = {
         {"information": np.ones((2, 24, 2, 2))}, r"\(2, 24, 2, 2\)"),
     "information of another dimension": (
         {"information": np.ones((2, N_NODES, 5, 5))}, r"5×5.*2 dimensions"),
-    "information that is not a number": ({"information": INFORMATION * NAN}, "not finite numbers"),
+    "information that is not a number": (
+        {"information": INFORMATION * NAN}, "no inverse covariance.*it is not finite"),
     "no information at all": ({"information": INFORMATION * 0.0}, "has no texture"),
 }  # fmt: skip
 

@@ -14,7 +14,7 @@ from ..fem.contact import Pairs, on_two_sides, touching
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..study import check_material
-from .inverted import folded
+from .inverted import MOST, folded
 from .out_of_plane import Stretch
 
 NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
@@ -437,7 +437,10 @@ def stretches(given, std, n_trials: int, dim: int, plane: str, method: str) -> S
 
 
 def information(frame: Frame, given, n_trials: int) -> np.ndarray | None:
-    """Return inverse covariances (n_trials, n_nodes, d, d) in the mesh's dimension."""
+    """Return inverse covariances (n_trials, n_nodes, d, d) in the mesh's dimension.
+
+    A few that are none become zero, which says that nothing is known, and are noted.
+    """
     if given is None:
         return None
     metric = numbers(given, "the displacement information")
@@ -450,28 +453,41 @@ def information(frame: Frame, given, n_trials: int) -> np.ndarray | None:
             f"information of {metric.shape[2]}×{metric.shape[3]} components per node for a mesh of "
             f"{frame.mesh.dim} dimensions"
         )
-    metric, nodes = metric[:, frame.nodes], frame.nodes
-    _refuse_where(
-        nodes, ~np.isfinite(metric).all(axis=(2, 3)), "has values that are not finite numbers"
-    )
+    metric = metric[:, frame.nodes]
+    fault = _faults(metric)
+    for trial, one in enumerate(fault, 1):
+        frame.notes += _weightless(frame, one, trial)
+    return frame.tensors_to_plane(np.where((fault != "")[..., None, None], 0.0, metric))
+
+
+def _faults(metric):
+    """Say of matrices (t, n, d, d) why they are no inverse covariances, "" if they are. (t, n)"""
+    infinite = ~np.isfinite(metric).all(axis=(2, 3))
+    metric = np.where(infinite[..., None, None], 0.0, metric)
     size = np.abs(metric).max(axis=(2, 3))
     skew = np.abs(metric - np.swapaxes(metric, 2, 3)).max(axis=(2, 3))
-    _refuse_where(nodes, skew > SKEW * size, "is not symmetric", "it is an inverse covariance")
     lowest = np.linalg.eigvalsh(metric)[..., 0]
-    _refuse_where(
-        nodes, lowest < -SKEW * size, "is negative in some direction", "it is an inverse covariance"
+    return np.select(
+        [infinite, skew > SKEW * size, lowest < -SKEW * size],
+        ["not finite", "not symmetric", "negative in some direction"],
+        "",
     )
-    return frame.tensors_to_plane(metric)
 
 
-def _refuse_where(nodes, bad, what, why="zero means that nothing is known"):
-    """Raise an InputError that names the first trial and node where bad (t, n) is true."""
-    if bad.any():
-        trial, node = np.argwhere(bad)[0]
-        raise InputError(
-            f"the displacement information {what} at {np.count_nonzero(bad)} nodes, the first is "
-            f"node {nodes[node]} of trial {trial + 1}: {why}"
-        )
+def _weightless(frame, fault, trial):
+    """Say which nodes of a trial lose their weight by a fault (n,); refuse many."""
+    wrong = fault != ""
+    if not wrong.any():
+        return []
+    first = wrong.argmax()
+    sentence = (
+        f"the displacement information of trial {trial} is no inverse covariance at "
+        f"{np.count_nonzero(wrong)} of {len(wrong)} nodes, the first is node {frame.nodes[first]}: "
+        f"it is {fault[first]} there"
+    )
+    if wrong.mean() > MOST:
+        raise InputError(f"{sentence}; give the inverse, and zero where nothing is known")
+    return [f"{sentence}. What was measured at them counts as unknown"]
 
 
 def lost_trials(frame: Frame, metric: np.ndarray | None, n_trials: int) -> np.ndarray:

@@ -583,8 +583,7 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
             # λ of a material like cork is zero, and then its error is measured by μ
             lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
     status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
-    if problem.noise.lost.any():
-        status[problem.inverted] = Status.NOT_DETERMINED
+    status[problem.inverted] = Status.NOT_DETERMINED  # no body moves so
     status[known] = Status.KNOWN
     residuals = _residuals(problem, estimate)
     none = status == Status.NOT_DETERMINED

@@ -55,10 +55,10 @@ class Displacements:
     def __init__(self, forward: Equilibrium):
         noise, B, y = forward.problem.noise, forward.measured, forward.data
         rows, n, n_trials = np.flatnonzero(forward.coarse), B.shape[1], y.shape[1]
-        dim, measured = forward.mesh.dim, forward.free[forward.free < forward.problem.mesh.n_dofs]
+        nodes = forward.slots[rows] // forward.mesh.dim
         self.pick = sp.csr_matrix((np.ones(n), (np.arange(n), rows)), (n, forward.n_eta))
-        lost = noise.lost[:, measured // dim]
-        self.n_equations = n_trials * (n - len(forward.held)) - int(lost.sum())
+        lost = int(noise.lost[:, nodes].sum())
+        self.n_equations = max(n_trials * (n - len(forward.held)) - lost, 1)
         self.weight, self.root, self.data = [], [], np.empty((n, n_trials))
         self.shared = noise.shared
         for t in range(n_trials):

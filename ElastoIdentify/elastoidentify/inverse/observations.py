@@ -30,7 +30,8 @@ class DisplacementNoise:
     scale : float, optional
         The scale where the user knows it.
     lost : (n_trials, n_nodes) bool, optional
-        Displacements of which nothing is known: their information is that floor.
+        Displacements of which nothing is known: their information is that floor. Those whose
+        information says so are lost in any case.
     """
 
     def __init__(self, displacements, information=None, scale=None, lost=None):
@@ -42,9 +43,10 @@ class DisplacementNoise:
         self.information = None
         if information is not None:
             values, vectors = np.linalg.eigh(information)
-            largest = values.max(axis=(1, 2), keepdims=True)
+            floor = FLOOR * np.maximum(values.max(axis=(1, 2)), np.finfo(float).tiny)[:, None]
+            self.lost = self.lost | (values[..., -1] <= floor)
             values = np.where(self.lost[..., None], 0.0, values)
-            values = np.maximum(values, FLOOR * np.maximum(largest, np.finfo(float).tiny))
+            values = np.maximum(values, floor[..., None])
             self.information = np.einsum("tnij,tnj,tnkj->tnik", vectors, values, vectors)
             self.root = vectors / np.sqrt(values)[..., None, :]  # C = root rootᵀ
             self.round_off *= np.sqrt(np.median(values))

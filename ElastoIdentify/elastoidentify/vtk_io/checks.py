@@ -140,7 +140,7 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
     Raises
     ------
     InputError
-        It has not six components, or values that are no inverse covariance (negative, not finite).
+        It has not six components.
     """
     points = grid.GetPointData()
     names = [information_name(name) for name in trials]
@@ -154,18 +154,7 @@ def information(grid: vtkUnstructuredGrid, trials: list[str]) -> np.ndarray | No
             raise InputError(
                 f"the point array {name!r} must have six components xx, yy, zz, xy, yz, xz"
             )
-        if not np.isfinite(rows).all():
-            raise InputError(f"the point array {name!r} has values that are not finite numbers")
-        full = to_matrices(rows)
-        values = np.linalg.eigvalsh(full)
-        bad = values[:, 0] < -1e-6 * np.abs(values).max(axis=1)
-        if bad.any():
-            raise InputError(
-                f"the point array {name!r} is negative in some direction at "
-                f"{np.count_nonzero(bad)} nodes, the first is node {np.argmax(bad)}: it must be an "
-                "inverse covariance"
-            )
-        found.append(full)
+        found.append(to_matrices(rows))
     return np.stack(found)
 
 
