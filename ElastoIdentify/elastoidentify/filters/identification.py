@@ -5,8 +5,8 @@ from ..options import Flag
 from ..study import IdentificationOptions, ReportOptions
 from ..vtk_io.arrays import displacement_of, label_table, read_report, trials_of
 from ..vtk_io.convert import displacement_names, get_array, has_array, information_name, set_array
+from ..vtk_io.frame import PLACE
 from .base import Filter, Port
-from .frame import follow_frame
 from .selection import Selection
 
 
@@ -78,7 +78,6 @@ class LameIdentification(Filter, tables=(IdentificationOptions, ReportOptions)):
         """Return the mesh with the result arrays."""
         from ..vtk_io.steps import identified
 
-        meshes = [follow_frame(mesh) for mesh in meshes]
         mesh = trials_of_steps(meshes, self.trials) if len(meshes) > 1 else meshes[0]
         return identified(mesh, self, self.trials(mesh), progress=progress)
 
@@ -126,4 +125,5 @@ def trials_of_steps(meshes, trials):
 def _vector_names(mesh) -> list[str]:
     points = mesh.GetPointData()
     arrays = [points.GetArray(i) for i in range(points.GetNumberOfArrays())]
-    return [a.GetName() for a in arrays if a is not None and a.GetNumberOfComponents() == 3]
+    names = [a.GetName() for a in arrays if a is not None and a.GetNumberOfComponents() == 3]
+    return [name for name in names if name != PLACE]

@@ -5,7 +5,7 @@ import numpy as np
 from ..options import Choice, Number, Rows, Vector
 from ..progress import part
 from ..study import LAWS
-from ..vtk_io.arrays import KNOWN
+from ..vtk_io.arrays import KNOWN, write_displacements
 from ..vtk_io.convert import mesh_to_vtk, set_array, vectors
 from .base import Filter
 
@@ -82,8 +82,7 @@ class PushingPhantom(Filter):
         border = ((points == points.min(axis=0)) | (points == points.max(axis=0))).any(axis=1)
         set_array(grid.GetPointData(), "OuterBorder", border.astype(np.uint8))
         trials = self._pushed(points, cells, lam, mu, held, progress)
-        for number, displacement in enumerate(trials, 1):
-            set_array(grid.GetPointData(), f"Displacement_{number}", vectors(displacement))
+        write_displacements(grid, trials)
         return grid
 
     def _mesh(self):

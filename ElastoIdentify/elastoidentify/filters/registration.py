@@ -5,7 +5,6 @@ from ..study import RegistrationOptions
 from ..vtk_io.arrays import read_report
 from ..vtk_io.convert import get_text, image_from_vtk, set_text
 from .base import Filter, Port
-from .frame import write_frame
 from .reading import FILE_NAME
 
 REST_FILE = "RestImageFile"
@@ -81,7 +80,6 @@ class ElastixNodalDisplacement(Filter, tables=(RegistrationOptions,)):
         ]
         chosen.mask = None if mask is None else image_from_vtk(mask, "mask")
         grid = displaced(mesh, chosen, progress)
-        write_frame(grid)
         if get_text(rest, FILE_NAME):
             set_text(grid, REST_FILE, get_text(rest, FILE_NAME))
         return grid

@@ -22,6 +22,7 @@ from .convert import (
     to_json,
     vectors,
 )
+from .frame import write_frame, write_place
 
 DISAGREEMENT = "Disagreement"
 KNOWN = ("KnownYoungModulus", "KnownPoissonRatio")
@@ -55,6 +56,7 @@ def write_displacements(grid, displacements):
             data.RemoveArray(array)
     for number, displacement in enumerate(displacements, 1):
         set_array(data, f"Displacement_{number}", vectors(np.asarray(displacement, float)))
+    write_place(grid)
 
 
 def write_registration(grid, registration):
@@ -66,6 +68,8 @@ def write_registration(grid, registration):
         set_array(data, name, np.asarray(information, float))
         for component, axes in enumerate(COMPONENTS):
             data.GetArray(name).SetComponentName(component, axes)
+    if len(registration.information):
+        write_frame(grid)
     if registration.disagreement is not None:
         for number, pixels in enumerate(registration.disagreement, 1):
             set_array(data, f"{DISAGREEMENT}_{number}", np.asarray(pixels, float))

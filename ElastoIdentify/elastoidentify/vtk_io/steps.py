@@ -20,6 +20,7 @@ from .arrays import (
 )
 from .checks import cell_labels, check_unit, information, reaction_nodes, sound_mesh
 from .convert import mesh_blocks, mesh_points, simplices
+from .frame import follow_frame
 
 
 def meshed(options, progress=None):
@@ -54,7 +55,7 @@ def identified(mesh, options, trials=None, inputs=None, progress=None):
         For the provenance.
     progress : callable, optional
     """
-    mesh, notes = sound_mesh(mesh, options.slip)
+    mesh, notes = sound_mesh(follow_frame(mesh), options.slip)
     blocks, order = mesh_blocks(mesh)
     trials = trials_of(mesh, trials)
     if not trials:

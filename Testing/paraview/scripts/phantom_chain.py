@@ -51,6 +51,20 @@ part = servermanager.Fetch(after_filters)  # noqa: F405
 assert 0 < part.GetNumberOfCells() < mesh.GetNumberOfCells()
 assert part.GetPointData().HasArray("Residual_2")
 
+# ---- a Transform, which takes the displacements along or is refused
+turned = Transform(Input=phantom, Transform="Transform")  # noqa: F405
+turned.Transform.Rotate, turned.Transform.Translate = [20.0, 30.0, 40.0], [1.0, 2.0, 3.0]
+behind = LameIdentification(Input=turned, Method="global")  # noqa: F405
+there = servermanager.Fetch(behind)  # noqa: F405
+np.testing.assert_allclose(cell(there, "Mu"), cell(found, "Mu"), rtol=1e-6)
+turned.TransformAllInputVectors = 0
+try:
+    behind.UpdatePipeline()
+except ValueError as error:
+    assert "Transform All Input Vectors" in str(error), error
+else:
+    raise SystemExit("displacements that stayed behind were taken")
+
 # ---- and after
 clip = Clip(Input=identification, ClipType="Plane")  # noqa: F405
 clip.ClipType.Origin, clip.ClipType.Normal = [0.1, 0.1, 0], [0, 1, 0]
