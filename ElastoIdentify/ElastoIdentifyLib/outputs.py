@@ -80,7 +80,7 @@ def _make_result(outcome: Outcome, request, name: str, show: str) -> Result:
     result.undetermined = _undetermined_model(grid, outcome, name)
     show_quantity(result.model, show)
     geometry = _geometry(request.restVolume)
-    edge = outcome.provenance["edge_length"]  # as used, which 0 leaves to the library
+    edge = outcome.provenance["options"]["edge_length"]  # as used, which 0 leaves to the library
     for number, displacement in enumerate(outcome.displacements, 1):
         title = _("{name}: displacement {number}").format(name=name, number=number)
         node = _add("vtkMRMLGridTransformNode", title)

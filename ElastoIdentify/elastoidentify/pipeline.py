@@ -20,6 +20,7 @@ background (:mod:`elastoidentify.workers.job`)::
 
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -101,6 +102,9 @@ def run(
     from_images = displacements is None and registration is None
     if from_images:
         check_images(study)
+    if study.segmentation is not None and not study.edge_length:
+        study = copy(study)  # the caller's stays; the provenance says what was taken
+        study.edge_length = default_edge_length(_meshed(study))
     mesh = mesh or make_mesh(study, part(progress, 0.0, 0.05))
     if from_images:
         check(study, mesh)
@@ -129,8 +133,6 @@ def run(
     warnings += [] if registration is None else registration.report.get("warnings", [])
     warnings += result.report.get("warnings", [])
     made = provenance(study, inputs, time.monotonic() - start)
-    if study.segmentation is not None:
-        made["edge_length"] = study.edge_length or default_edge_length(study.segmentation)
     return Outcome(mesh, np.asarray(displacements), result, registration, warnings, made)
 
 
@@ -182,18 +184,24 @@ def check(study: Study, mesh: LabelMesh) -> None:
 
 def make_mesh(options: MeshOptions, progress: Progress | None = None) -> LabelMesh:
     """Mesh the segmentation, or one slice of it."""
-    image = options.segmentation
-    if image is None:
+    if options.segmentation is None:
         raise InputError("no segmentation given: add a labelmap")
-    if options.slice_axis != "none":
-        axis = "ijk".index(options.slice_axis)
-        index = options.slice_index if options.slice_index >= 0 else image.size[axis] // 2
-        image = slice_of_image(image, axis, index)
+    image = _meshed(options)
     chosen = keywords(options, MeshOptions)
     chosen["edge_length"] = chosen["edge_length"] or default_edge_length(image)
     return mesh_segmentation(
         image, **chosen, seen=getattr(options, "rest", None), progress=progress
     )
+
+
+def _meshed(options: MeshOptions):
+    """Return the part of the segmentation that is meshed: all of it, or one slice."""
+    image = options.segmentation
+    if options.slice_axis == "none":
+        return image
+    axis = "ijk".index(options.slice_axis)
+    index = options.slice_index if options.slice_index >= 0 else image.size[axis] // 2
+    return slice_of_image(image, axis, index)
 
 
 def default_edge_length(image) -> float:

@@ -12,19 +12,25 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
 from scipy.spatial import cKDTree
 
 from .errors import InputError
+from .fem.assembly import tangent_stiffness
+from .fem.constitutive import KINEMATICS
 from .fem.elastic_constants import lame_from_young
-from .fem.forward import solve_push
+from .fem.mesh import Mesh
 from .imaging.image import Image
-from .inverse.border import Frame
+from .inverse.border import SLIDES, Frame
+from .inverse.conditions import Conditions, conditions
 from .pipeline import cell_blocks, default_edge_length, identify_mesh, make_mesh
 from .progress import Progress, part, silent
 from .study import Study, check_material
 
 NOISE = 0.05  # of a voxel: the error of a registration where there is texture
 FEW_PUSHES = 3  # whose combinations are all tried
+HARDLY = 1e-12  # of the stiffness, by which a body that slides on all sides is held where it is
 MOST_CELLS = {2: 60_000, 3: 60_000}  # of the finer mesh on which the push is computed
 
 
@@ -104,7 +110,7 @@ def plan(
         mesh = make_mesh(study, part(step, 0.0, 0.05))
         frame = Frame(mesh.points, cell_blocks(mesh.cells))
         moduli = np.array([known.get(label, tissue) for label in mesh.labels.tolist()])
-        u = np.array([_push(frame, image, mesh, moduli, *one) for one in pushes])
+        u = np.array([_push(frame, study, mesh, moduli, *one) for one in pushes])
         u += noise * np.random.default_rng(0).standard_normal(u.shape)
         u = frame.to_world(u)
         for j, chosen in enumerate(sets):
@@ -156,28 +162,51 @@ def _sets(n: int) -> list[tuple[int, ...]]:
     return [*((k,) for k in range(1, n + 1)), tuple(range(1, n + 1))]
 
 
-def _push(frame: Frame, image: Image, mesh, moduli, label: int, motion) -> np.ndarray:
+def _push(frame: Frame, study: Study, mesh, moduli, label: int, motion) -> np.ndarray:
     """Displacements (n_nodes, d) of the nodes when a rigid label moves and the others stand."""
-    held = np.flatnonzero(frame.anywhere(mesh.reaction_nodes) > 0)
-    moving = _touches(image, mesh.points[frame.nodes[held]], label)
+    marks = mesh.reaction_nodes
+    held = frame.anywhere(marks != 0)
+    sticking = frame.anywhere((marks != 0) & (marks != SLIDES))
+    moving = held.copy()
+    moving[held] = _touches(study.segmentation, mesh.points[frame.nodes[held]], label)
     if not moving.any():
         raise InputError(f"push by label {label}: it touches no node of the mesh")
     motion = np.asarray(motion, float)
     wanted = np.zeros((frame.mesh.n_nodes, frame.mesh.dim))
-    wanted[held[moving]] = motion if frame.axes is None else motion @ frame.axes
-    fine, parent, between = frame.mesh, np.arange(frame.mesh.n_cells), None
+    wanted[moving] = motion if frame.axes is None else motion @ frame.axes
+    fine, parent, between = frame.mesh, np.arange(frame.mesh.n_cells), sp.identity(len(held))
     children = {2: 4, 3: 8}[fine.dim]
     if fine.n_cells * children <= MOST_CELLS[fine.dim]:
         fine, parent, between = fine.refined()
-    is_held = np.zeros(frame.mesh.n_nodes)
-    is_held[held] = 1
-    if between is not None:
-        is_held, wanted = between @ is_held, between @ wanted
-    lam, mu = (np.asarray(part)[parent] for part in lame_from_young(*moduli.T))
-    moved = np.flatnonzero(is_held > 1 - 1e-9)
-    blocks = [(b.cell.name, b.nodes) for b in fine.blocks]
-    u = solve_push(fine.points, blocks, lam, mu, moved, wanted[moved])
+    held = between @ held.astype(float) > 1 - 1e-9
+    sliding = held & (between @ sticking.astype(float) < 1 - 1e-9)
+    there = conditions(fine, held, sliding, mesh.labels[parent], study.slip)
+    u = balanced(fine, *lame_from_young(*moduli[parent].T), there, between @ wanted)
     return u[: frame.mesh.n_nodes]
+
+
+def balanced(mesh: Mesh, lam, mu, there: Conditions, wanted: np.ndarray) -> np.ndarray:
+    """Return the displacements in small strain of a body whose held nodes are moved.
+
+    Parameters
+    ----------
+    lam, mu : (n_cells,)
+    there : Conditions
+        Which motions are held, and which are free: along those the forces balance.
+    wanted : (n_nodes, d)
+        Of the held motions.
+
+    Returns
+    -------
+    (n_nodes, d)
+    """
+    K = tangent_stiffness(mesh, KINEMATICS["small-strain"], np.zeros_like(wanted), lam, mu)
+    held = there.held @ (there.held.T @ wanted.ravel())
+    F = there.free
+    free = F.T @ K @ F
+    hardly = HARDLY * free.diagonal().max() * sp.identity(free.shape[0])
+    u = held - F @ spl.spsolve((free + hardly).tocsc(), F.T @ (K @ held))
+    return u.reshape(wanted.shape)
 
 
 def _touches(image: Image, points: np.ndarray, label: int) -> np.ndarray:

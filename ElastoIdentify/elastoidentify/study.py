@@ -411,6 +411,10 @@ STEPS = {
 """Step → its table, in the order of the work."""
 
 
+class Identification(IdentificationOptions, ReportOptions):
+    """What can be chosen where the displacements are there."""
+
+
 class Study(MeshOptions, RegistrationOptions, IdentificationOptions, ReportOptions):
     """One study: images and every choice, from segmentation to report.
 

@@ -92,6 +92,23 @@ def test_every_output_of_the_command_line_says_how_it_was_made(pushed, tmp_path,
     assert main(["info", str(outputs["--output"])]) == 0
     said = capsys.readouterr().out
     assert made["inputs"]["mesh"]["sha256"] in said and "known_materials: 1, 5.0, 0.43" in said
+    assert "edge_length" not in said  # of the mesh nothing is known
+
+
+def test_the_provenance_says_the_edge_length_that_was_taken():
+    from elastoidentify.imaging.image import Image
+    from elastoidentify.study import Study
+
+    labels = np.zeros((3, 40, 60), np.uint8)
+    labels[:, 10:40, 12:48], labels[:, 10:20, 12:48] = 2, 1
+    study = Study(segmentation=Image(labels, spacing=(0.5, 0.5, 0.25)), slice_axis="k",
+                  known_materials=[(1, 5.0, 0.45)], method="regularized")  # fmt: skip
+    mesh = pipeline.make_mesh(study)
+    height = mesh.points[:, 1].max() - mesh.points[:, 1]
+    u = 0.02 * np.stack([np.stack([0 * height, height, 0 * height], 1), mesh.points * [-1, 0, 0]])
+    outcome = pipeline.run(study, displacements=u)
+    assert outcome.provenance["options"]["edge_length"] == 6.0  # twelve pixels of the slice
+    assert study.edge_length == 0.0
 
 
 def test_a_mesh_that_says_nothing_of_its_making_is_no_result(tmp_path, capsys):

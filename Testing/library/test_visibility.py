@@ -4,13 +4,17 @@ import elastoidentify as ei
 import numpy as np
 import pytest
 from elastoidentify import InputError
+from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.mesh import make_mesh
 from elastoidentify.imaging.image import Image
 from elastoidentify.inverse import regularized, visibility
-from elastoidentify.planning import plan
+from elastoidentify.inverse.conditions import conditions
+from elastoidentify.planning import balanced, plan
 from elastoidentify.study import Study
 
 pytest.importorskip("skfem")
 import forward
+import slipping
 
 CENTRE = (15.0, 12.0)  # of the lesion in forward.squares
 
@@ -145,3 +149,26 @@ def test_the_command_prints_and_writes_the_plan(tmp_path, capsys):
     assert "smallest lesion" in capsys.readouterr().out
     assert "smallest lesion" in (tmp_path / "plan.csv").read_text()
     assert main(["plan", "--segmentation", str(tmp_path / "labels.nrrd"), *words[:-6]]) == 2
+
+
+def test_a_planned_push_slides_where_labels_do():
+    """Against scikit-fem: an arched pad that slides on tissue, in linear triangles."""
+    body = slipping.slab(n=8, surface=slipping.arched, exact=True)
+    young = np.where(body.labels == slipping.PAD_LABEL, slipping.E_PAD, slipping.E_TISSUE)
+    young = np.where(body.inside, slipping.CONTRAST, 1) * young
+    mesh = make_mesh(body.points, body.cells)
+    there = conditions(mesh, body.reaction, labels=body.labels, slip=[(1, 2)])
+    for u in body.displacements:
+        wanted = np.where(body.reaction[:, None], u, 0.0)
+        found = balanced(mesh, *lame_from_young(young, slipping.POISSON), there, wanted)
+        np.testing.assert_allclose(found, u, atol=1e-5 * np.abs(u).max())
+
+
+def test_a_plan_knows_that_a_pad_that_slides_takes_no_tissue_along():
+    """Pushed along its flat underside it moves as a whole: nothing is seen in the tissue."""
+    (stuck,), (sliding,) = (
+        plan(study(edge_length=4.0, noise=0.003, slip=slip), [(5, (1, 0, 0))])
+        for slip in ([], [(1, 2)])
+    )
+    assert stuck.typical is not None
+    assert sliding.typical is None

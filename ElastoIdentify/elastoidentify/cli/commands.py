@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..options import Picture, Table
 from ..report.terminal import TerminalProgress, figure
 from ..study import (
+    Identification,
     IdentificationOptions,
     ReadOptions,
     RegistrationOptions,
@@ -216,7 +217,7 @@ def identify(arguments) -> None:
     _check_result_outputs(arguments, {"mesh": arguments.mesh, "--rest": arguments.rest})
     rest = _image(arguments, arguments.rest) if arguments.rest else None
     grid = read_mesh(arguments.mesh)
-    chosen = Study(**_identification(arguments))
+    chosen = Identification(**_identification(arguments))
     inputs = {"mesh": fingerprint(arguments.mesh)}
     with TerminalProgress("identification") as progress:
         grid = identified(grid, chosen, inputs=inputs, progress=progress)
