@@ -67,8 +67,8 @@ class TrueDisplacements:
         return ERROR * np.sin(2 * np.pi * turned / WAVE)
 
 
-def stored_outcome(study, phantom, folder: Path):
-    """Store the registrations of a study on a phantom's images, and return the pipeline's outcome.
+def store(study, phantom, folder: Path):
+    """Store the registrations of a study on a phantom's images; return mesh and Registration.
 
     Parameters
     ----------
@@ -81,13 +81,18 @@ def stored_outcome(study, phantom, folder: Path):
     """
     study.cache = str(folder)
     mesh = pipeline.make_mesh(study)
-    measured = pipeline.measure(
+    return mesh, pipeline.measure(
         study,
         mesh.points,
         mesh.cells,
         reaction_nodes=mesh.reaction_nodes,
         elastix=TrueDisplacements(phantom),
     )
+
+
+def stored_outcome(study, phantom, folder: Path):
+    """Store the registrations of a study, see :func:`store`; return the pipeline's outcome."""
+    mesh, measured = store(study, phantom, folder)
     return pipeline.run(study, mesh=mesh, registration=measured)
 
 

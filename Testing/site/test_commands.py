@@ -1,9 +1,9 @@
 """What a stranger types, and what the page says that it prints.
 
-Blocks marked ``console`` show a command and what it prints: it is run, and the print compared.
-Other commands of the README and the tutorials are run on small images with the names that the page
-uses. Every command that is shown anywhere, in the middle of a sentence too, has a name and options
-that there are.
+The commands of a page that somebody follows are typed in its order. Blocks marked ``console`` show
+what is printed, too, which is compared; those marked ``text`` show what else is printed, by the
+programs of the gallery and by the demo, and are compared where these are tested. Every command that
+is shown anywhere, in the middle of a sentence too, has a name and options that there are.
 """
 
 import argparse
@@ -24,125 +24,147 @@ PAGES = {
     str(page.relative_to(ROOT)): page.read_text(encoding="utf-8")
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
-CONSOLE = {
-    name: [body for kind, body in FENCE.findall(text) if kind == "console"]
-    for name, text in PAGES.items()
-}
-FIRST = "docs/first-map.md"
+FENCE = re.compile(r"^```(\S*)\n(.*?)^```", re.M | re.S)
+FIRST, COHORT = "docs/first-map.md", "docs/cohort.md"
 
 
-def call(words, folder):
-    """Run a command as the shell would; return what it prints, or fail with what it says."""
-    assert words[0] == "elastoidentify", words
-    done = subprocess.run(
-        [sys.executable, "-m", *words],
-        cwd=folder,
-        env=os.environ | {"MPLBACKEND": "Agg"},
-        capture_output=True,
-        encoding="utf-8",
-    )
-    assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
-    return done.stdout
+def lines(page):
+    """Every line that a page gives to a shell, and what is printed then (None: not said)."""
+    for kind, body in FENCE.findall(PAGES[page]):
+        body = body.replace("\\\n", " ")
+        if kind == "console":
+            for part in re.split(r"^\$ ", body, flags=re.M)[1:]:
+                line, _, shown = part.partition("\n")
+                yield line, shown
+        elif kind in ("", "sh"):
+            yield from ((line, None) for line in body.splitlines() if line.strip())
+
+
+def commands(page):
+    """The words of every command of a page that is one of ours, and what is printed then."""
+    for line, shown in lines(page):
+        if re.match(r"(mpirun -np \d+ )?elastoidentify ", line):
+            yield shlex.split(line, comments=True), shown
 
 
 # ---- what is printed
 
 
+class Shell:
+    """A folder in which commands are typed. What was typed before is not run again.
+
+    What elastix answers is kept (``--cache``), for several pages register the same images.
+    """
+
+    kept = "registrations"
+
+    def __init__(self, folder):
+        self.folder, self.printed = folder, {}
+
+    def type(self, words):
+        """Return what a command prints; fail with what it says where it fails."""
+        assert words[0] == "elastoidentify", words
+        if (key := tuple(words)) not in self.printed:
+            kept = ["--cache", self.kept] if words[1] in ("run", "register") else []
+            done = subprocess.run(
+                [sys.executable, "-m", *words, *kept],
+                cwd=self.folder,
+                env=os.environ | {"MPLBACKEND": "Agg"},
+                capture_output=True,
+                encoding="utf-8",
+            )
+            assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
+            self.printed[key] = done.stdout
+        return self.printed[key]
+
+
 @pytest.fixture(scope="module")
-def first_map(tmp_path_factory):
-    """A folder in which the commands of the first map were typed, and what they printed."""
-    if not has_elastix():
-        host_missing("itk-elastix is not installed", 'pip install ".[all]"')
-    folder = tmp_path_factory.mktemp("first_map")
-    return folder, [call(typed(block), folder) for block in CONSOLE[FIRST]]
+def plane(tmp_path_factory):
+    """A shell with the images of the first map, and displacements that were measured elsewhere."""
+    shell = Shell(tmp_path_factory.mktemp("plane"))
+    shell.type(next(commands(FIRST))[0])
+    field_and_table(shell.folder)
+    return shell
 
 
-def typed(block):
-    """The words of a block's first line."""
-    return shlex.split(block.partition("\n")[0].removeprefix("$ "))
-
-
-@pytest.mark.slow
-def test_the_first_map_prints_what_is_shown(first_map):
-    for block, printed in zip(CONSOLE[FIRST], first_map[1], strict=True):
-        check(printed, block.partition("\n")[2], rtol=0.25)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [name for name in CONSOLE if CONSOLE[name] and name != FIRST])
-def test_console_blocks_print_what_is_shown_in_the_folder_of_the_first_map(page, first_map):
-    for block in CONSOLE[page]:
-        check(call(typed(block), first_map[0]), block.partition("\n")[2], rtol=0.25)
-
-
-# ---- what else is shown on the pages that somebody follows
-
-
-def commands(page):
-    """The lines of a page's blocks that call ``elastoidentify``."""
-    for kind, body in FENCE.findall(PAGES[page]):
-        if kind not in ("python", "text"):
-            for line in body.replace("\\\n", " ").splitlines():
-                if re.match(r"(\$ )?(mpirun -np \d+ )?elastoidentify ", line):
-                    yield shlex.split(line.removeprefix("$ "), comments=True)
-
-
-def plane(folder):
-    """Small images of a slice, by the names of the README and of the page of commands."""
+def field_and_table(folder):
+    """Displacements on the grid of the image at rest, for the page of the command line."""
     import SimpleITK as sitk
-    from elastoidentify.imaging.io import write_image
-    from elastoidentify.imaging.phantom import make_phantom
 
-    body = make_phantom(width=60, pixels=72, elements=24, noise=0.01)
-    (folder / "phantom").mkdir()
-    names = {"rest": body.rest, "segmentation": body.segmentation, "labels": body.segmentation}
-    names |= {f"pushed_{k}": image for k, image in enumerate(body.pushed, 1)}
-    names |= {f"push{k}": image for k, image in enumerate(body.pushed, 1)}
-    for name, image in names.items():
-        write_image(folder / f"{name}.nrrd", image)
-        write_image(folder / "phantom" / f"{name}.nrrd", image)
-    rows, columns = body.rest.array.shape[1:]
-    places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
-    places = body.rest.index_to_world(np.column_stack([places, np.zeros(len(places))]))
-    fields = body.displacements(places)
-    field = sitk.GetImageFromArray(fields[0].reshape(1, rows, columns, 3), isVector=True)
-    field.SetSpacing(body.rest.spacing.tolist())
-    field.SetOrigin(body.rest.origin.tolist())
+    rest = sitk.ReadImage(str(folder / "phantom" / "rest.nrrd"))
+    field = sitk.PhysicalPointSource(
+        sitk.sitkVectorFloat64, rest.GetSize(), rest.GetOrigin(), rest.GetSpacing()
+    )
+    places = sitk.GetArrayFromImage(field)
+    u = 0.03 * (places - places.max(axis=(0, 1, 2)))
+    field = sitk.GetImageFromArray(u, isVector=True)
+    field.CopyInformation(rest)
     sitk.WriteImage(field, str(folder / "trial1.nrrd"))
-    table = np.column_stack([places, fields[1]])
+    table = np.concatenate([places, u[..., ::-1] * [1, 1, 0]], axis=-1).reshape(-1, 6)
     np.savetxt(folder / "trial2.csv", table, delimiter=",", header="x,y,z,u,v,w", comments="")
 
 
-def volume(folder):
-    """A small volume, by the names of the page of volumes."""
-    from elastoidentify.imaging.io import write_image
-    from elastoidentify.imaging.phantom import make_phantom_volume
+@pytest.fixture(scope="module")
+def space(tmp_path_factory):
+    """A shell with small volumes, whose registrations are stored: elastix takes long in space."""
+    from elastoidentify.imaging.io import read_image
+    from elastoidentify.imaging.phantom import make_phantom_volume, write_phantom
+    from elastoidentify.study import Study
+    from stored_registration import only_read, store
 
+    shell = Shell(tmp_path_factory.mktemp("space"))
     body = make_phantom_volume(width=32, voxels=20, elements=8, noise=0.01)
-    write_image(folder / "rest.nrrd", body.rest)
-    write_image(folder / "segmentation.nrrd", body.segmentation)
-    for k, image in enumerate(body.pushed, 1):
-        write_image(folder / f"push_{k}.nrrd", image)
+    write_phantom(shell.folder, body)
+    names = ("segmentation", "rest", "pushed_1", "pushed_2", "pushed_3")
+    labels, rest, *pushed = (read_image(shell.folder / f"{name}.nrrd") for name in names)
+    study = Study(segmentation=labels, rest=rest, pushed=pushed, edge_length=8.0,
+                  rigid_labels=body.rigid_labels)  # fmt: skip
+    store(study, body, shell.folder / shell.kept)
+    with only_read(shell.folder / shell.kept):
+        yield shell
 
 
-FOLLOWED = {"README.md": plane, "docs/command-line.md": plane, "docs/volumes.md": volume}
+FOLLOWED = {
+    FIRST: "plane",
+    "README.md": "plane",
+    "docs/command-line.md": "plane",
+    "docs/volumes.md": "space",
+}
+OUTPUTS = ("-o", "--picture", "--table", "--html", "--dicom", "--out")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", FOLLOWED)
-def test_the_commands_of_the_page_run_in_its_order(page, tmp_path):
+def test_the_commands_of_the_page_run_in_its_order_and_print_what_is_shown(page, request):
     if not has_elastix():
         host_missing("itk-elastix is not installed", 'pip install ".[all]"')
-    shown = [typed(block) for block in CONSOLE[page]]
-    wanted = [words for words in commands(page) if words[1] != "paraview" and words not in shown]
-    assert len(wanted) >= 3
-    FOLLOWED[page](tmp_path)
-    for words in wanted:
-        call(words, tmp_path)
-        for option in ("-o", "--picture", "--table", "--html", "--dicom"):
-            if option in words:
-                assert (tmp_path / words[words.index(option) + 1]).exists(), words
+    shell = request.getfixturevalue(FOLLOWED[page])
+    typed = [(words, shown) for words, shown in commands(page) if words[1] != "paraview"]
+    assert len(typed) >= 3
+    for words, shown in typed:
+        printed = shell.type(words)
+        if shown is not None:
+            check(printed, shown, rtol=0.25)
+        for option in {*OUTPUTS} & {*words}:
+            assert (shell.folder / words[words.index(option) + 1]).exists(), words
+
+
+def test_no_page_shows_what_is_printed_without_a_test():
+    for page, text in PAGES.items():
+        kinds = {kind for kind, _ in FENCE.findall(text)}
+        assert "console" not in kinds or page in FOLLOWED, page
+        compared = page.startswith("docs/examples/") or page == "docs/demo.md"
+        assert "text" not in kinds or compared, page
+        for line, shown in lines(page):
+            first = re.sub(r"^(\w+=\S+ )+", "", line).split()[0]
+            assert shown is not None or first in PROGRAMS or "/" in first, f"{page}: {line}"
+
+
+PROGRAMS = {
+    *("elastoidentify", "elastoidentify-cohort", "mpirun", "pip", "python", "python3"),
+    *("cmake", "ctest", "git", "rm", "source", "Slicer", "#"),
+}
+"""First words of lines that are typed; any other would be something that is printed."""
 
 
 @pytest.mark.slow
@@ -170,8 +192,6 @@ def test_the_commands_of_the_page_of_cohorts_plan_every_subject(tmp_path):
 
 # ---- every command is one that is taken
 
-COHORT = "docs/cohort.md"
-
 
 def parser_of(words):
     """The parser of a command's own options; fails where there is no such command."""
@@ -195,7 +215,7 @@ def check_options(words):
 
 
 @pytest.mark.parametrize(
-    ("page", "words"), [(page, words) for page in PAGES for words in commands(page)]
+    ("page", "words"), [(page, words) for page in PAGES for words, _ in commands(page)]
 )
 def test_every_command_of_a_block_is_taken(page, words):
     from elastoidentify.cli.parser import make_parser
@@ -237,7 +257,7 @@ def test_every_command_is_on_the_page_of_the_command_line():
 
 
 def test_there_is_something_to_run():
-    assert CONSOLE[FIRST] and CONSOLE["docs/command-line.md"]
+    assert len([shown for page in FOLLOWED for _, shown in commands(page) if shown]) >= 8
     assert len({page for page in PAGES for _ in commands(page)}) >= 7
 
 
