@@ -3,8 +3,11 @@
 import csv
 import functools
 import json
+import re
+from pathlib import Path
 
 import pytest
+from printed import check
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -51,6 +54,12 @@ def test_truth_time_and_memory_are_printed(demo):
     for word in ("true", "flat guess", "per label", "contrast of the inclusion", "total:", "GiB"):
         assert word in text
     assert found["seconds"] > 0
+
+
+def test_what_is_printed_is_what_the_page_shows(demo):
+    page = Path(__file__).resolve().parents[2] / "docs" / "demo.md"
+    (shown,) = re.findall(r"```text\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    check(demo[2], shown, rtol=0.15)
 
 
 def test_picture_tables_meshes_and_phantom_are_in_the_folder(demo):
