@@ -1,5 +1,6 @@
 """Starting the real ParaView as the user does, with the launcher."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sysconfig
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from hosts import program
 
 HERE = Path(__file__).resolve().parent
@@ -61,3 +63,14 @@ def mpirun(ranks: int):
     """The command that starts a program on several ranks, as root and on few cores too."""
     mpi = program("mpirun", "sudo apt-get install openmpi-bin")
     return [mpi, "--allow-run-as-root", "--oversubscribe", "-np", str(ranks)]
+
+
+def python_with(*packages: str) -> str:
+    """A Python that has packages which ParaView's need not have."""
+    main = HERE.parents[1] / "build" / "environments" / "main" / "bin" / "python"
+    here = all(map(importlib.util.find_spec, packages))
+    python = os.environ.get("ELASTOIDENTIFY_PYTHON") or (sys.executable if here else str(main))
+    found = [python, "-c", f"import {', '.join(packages)}"]
+    if not os.path.exists(python) or subprocess.run(found, capture_output=True).returncode:
+        pytest.skip(f"no Python with {', '.join(packages)}: set ELASTOIDENTIFY_PYTHON to one")
+    return python

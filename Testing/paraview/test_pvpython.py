@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from hosts import program
-from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
+from paraview_host import HERE, LAUNCHER, PACKAGES, environment, python_with, run
 
 PLUGIN = PACKAGES / "elastoidentify" / "paraview" / "ElastoIdentifyPlugin.py"
 
@@ -101,20 +101,6 @@ def test_maps_are_written_as_nifti_dicom_and_page_by_save_data(script, tmp_path)
     assert data.PatientID == "P7" and np.isclose(np.nanmax(values), 15.0)  # kPa
     assert "<h1>case</h1>" in (tmp_path / "case.html").read_text()
     assert not list(tmp_path.glob("never*"))
-
-
-def python_with(*packages: str) -> str:
-    """A Python that has packages which ParaView's need not have."""
-    import importlib.util
-    import os
-
-    main = HERE.parents[1] / "build" / "environments" / "main" / "bin" / "python"
-    here = all(map(importlib.util.find_spec, packages))
-    python = os.environ.get("ELASTOIDENTIFY_PYTHON") or (sys.executable if here else str(main))
-    found = [python, "-c", f"import {', '.join(packages)}"]
-    if not os.path.exists(python) or subprocess.run(found, capture_output=True).returncode:
-        pytest.skip(f"no Python with {', '.join(packages)}: set ELASTOIDENTIFY_PYTHON to one")
-    return python
 
 
 def test_a_run_that_is_under_way_can_be_stopped(tmp_path):
