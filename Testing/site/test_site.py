@@ -1,7 +1,9 @@
 """The pages in docs/: a site without warnings, and plain Markdown whose links lead somewhere."""
 
 import importlib
+import os
 import re
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -84,6 +86,32 @@ def test_the_site_has_a_description_of_every_public_name(site):
         for name in importlib.import_module(f"elastoidentify{module}").__all__:
             missing = {"Material", "Filter", "SegmentationToTriangleMesh"}  # parts and old names
             assert name in missing or any(a.endswith(f".{name}") for a in shown), name
+
+
+FITS = """<script>onload = () => { document.title = "fits: " + (
+    document.documentElement.scrollWidth <= innerWidth
+    && [...document.images].every(image => image.naturalWidth)); }</script></body>"""
+
+
+@pytest.mark.parametrize("page", ["index", "examples/slice"])
+def test_a_browser_shows_the_page_with_its_pictures_in_the_window(site, tmp_path, page):
+    """The picture of it is to be looked at: ELASTOIDENTIFY_PICTURES says where to put it."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no browser: sudo apt-get install chromium")
+    folder = Path(os.environ.get("ELASTOIDENTIFY_PICTURES") or tmp_path)
+    picture = folder / f"site-{page.replace('/', '-')}.png"
+    asking = (site / page).with_suffix(".asking.html")
+    asking.write_text(read((site / page).with_suffix(".html")).replace("</body>", FITS))
+    words = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,1600"]
+    done = subprocess.run(
+        [*words, f"--screenshot={picture}", "--dump-dom", asking.as_uri()],
+        capture_output=True,
+        encoding="utf-8",
+    )
+    asking.unlink()
+    assert "<title>fits: true</title>" in done.stdout, done.stderr
+    assert picture.stat().st_size > 20_000
 
 
 def test_the_list_of_pages_is_that_of_the_site():
