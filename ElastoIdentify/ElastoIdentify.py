@@ -279,6 +279,8 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Bring the parts of the panel up to date that no property connects."""
         if self._parameterNode is None or self._filling:
             return
+        from ElastoIdentifyLib.parameters import enable_what_is_used
+
         self._filling = True
         try:
             self._checkNodes(self.ui.pushedSelector, self._parameterNode.pushedVolumes)
@@ -290,7 +292,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.ui.pushedSelector.enabled = not useTransforms
             self.ui.transformsSelector.enabled = useTransforms
             self.ui.transformsToRestCheckBox.enabled = useTransforms
-            self.ui.poissonRatioSpinBox.enabled = self._parameterNode.unknowns == "young"
+            enable_what_is_used(self.ui, self._parameterNode)
             for widget in (
                 self.ui.sliceAxisComboBox,
                 self.ui.sliceIndexSpinBox,

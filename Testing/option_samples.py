@@ -48,6 +48,11 @@ def scalar_options():
     ]
 
 
+def needing():
+    """Return the options that say something only with another one."""
+    return [option for _, option in scalar_options() if option.needs]
+
+
 def pictures():
     """Return (table, option) of every option that is an image."""
     return [

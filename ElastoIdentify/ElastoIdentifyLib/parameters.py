@@ -143,6 +143,16 @@ def add_widgets(layout, ui, tr) -> dict:
 _KINDS = ("ComboBox", "SpinBox", "CheckBox", "Edit")
 
 
+def enable_what_is_used(ui, node) -> None:
+    """Switch off the widgets of options that say nothing beside the parameter node's others."""
+    for name, option in options().items():
+        if option.needs:
+            used = getattr(node, field(option.needs[0])) == option.needs[1]
+            for kind in (*_KINDS, "Option"):
+                if hasattr(ui, f"{field(name)}{kind}"):
+                    getattr(ui, f"{field(name)}{kind}").enabled = used
+
+
 def label(option: Option) -> str:
     """Return the words before a widget, with the unit: ``Edge length (mm)``."""
     unit = {"length": " (mm)"}.get(option.unit, f" ({option.unit})" if option.unit else "")

@@ -52,8 +52,8 @@ class Option:
     required : bool
         There is no sensible default: the command line wants it said.
     needs : (str, object), optional
-        Another option and its value, without which this one says nothing: forms hide it then, and
-        the library does not get it.
+        Another option and its value, without which this one says nothing: forms hide it then, the
+        library does not get it, and :func:`unused` says so.
     form_start : object
         What a form begins with where the default is None.
     """
@@ -383,6 +383,25 @@ def unknown(name: str, holder) -> str:
     near = difflib.get_close_matches(name, holder.options(), n=1)
     hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(holder.options())}"
     return f"{name!r}{hint}"
+
+
+def only_with(name: str, other: str, value) -> str:
+    """Say what an option needs to mean anything; every host calls the two by its own names."""
+    return f"{name} says something only with {other} {value}"
+
+
+def unused(holder, table: type[Table]) -> list[str]:
+    """Say which options of a table were given and are not used, a sentence each.
+
+    What a form begins with was not given.
+    """
+    return [
+        f"{only_with(name, *option.needs)}: {_shown(option.__get__(holder))} was not used"
+        for name, option in table.options().items()
+        if option.needs
+        and getattr(holder, option.needs[0]) != option.needs[1]
+        and option.__get__(holder) not in (option.default, option.form_start)
+    ]
 
 
 def keywords(holder, table: type[Table]) -> dict:

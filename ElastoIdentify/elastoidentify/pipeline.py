@@ -30,7 +30,7 @@ from .fem.soundness import node_pieces
 from .imaging.meshing import LabelMesh, mesh_segmentation
 from .imaging.slices import slice_of_image, slice_with_points
 from .inverse.identify import IdentificationResult, check_input, identify
-from .options import keywords
+from .options import keywords, unused
 from .progress import Progress, part, silent
 from .provenance import provenance
 from .results import to_matrices
@@ -304,6 +304,7 @@ def identify_mesh(
         **keywords(options, IdentificationOptions),
         progress=progress,
     )
+    result.report["warnings"] = unused(options, IdentificationOptions) + result.report["warnings"]
     result.report["labels"] = [
         _with_names_and_units(row, options, result.report["dimension"], names or {})
         for row in result.statistics

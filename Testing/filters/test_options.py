@@ -21,7 +21,7 @@ from elastoidentify.study import (
 )
 from elastoidentify.vtk_io.arrays import KNOWN
 from elastoidentify.vtk_io.convert import image_to_vtk
-from option_samples import option_id, sample, scalar_options
+from option_samples import needing, option_id, sample, scalar_options
 
 FILTERS = {
     MeshOptions: SegmentationToMesh,
@@ -104,6 +104,15 @@ def test_every_option_of_a_filter_arrives_in_the_library(table, option, monkeypa
     with pytest.raises(Arrived) as seen:
         made.Update()
     assert seen.value.keywords[option.keyword] == sample(option)
+
+
+@pytest.mark.parametrize("option", needing(), ids=option_id)
+def test_an_option_that_is_not_used_is_a_warning(option):
+    found = LameIdentification(method="global")
+    found.SetInputData(PushingPhantom(resolution=2)())
+    set_as_vtk_does(found, option, sample(option))
+    with pytest.warns(UserWarning, match=f"{option.name} says something only with"):
+        found.Update()
 
 
 def test_the_images_of_all_ports_arrive(monkeypatch):

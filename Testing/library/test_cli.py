@@ -12,7 +12,9 @@ import pytest
 from elastoidentify import cli
 from elastoidentify.errors import Cancelled
 from elastoidentify.fem.forward import solve_push, square_mesh
+from option_samples import needing
 
+ONLY = "says something only with --unknowns young: add it"
 KNOWN = ["--known", "1:E=5000,nu=0.43"]
 BY_LABEL = ["--group", "label"]
 PAD, TISSUE, INCLUSION = 1, 2, 3
@@ -253,6 +255,10 @@ def one_trial(arrays):
         (lambda arrays: None, ["--known", "1:E=5000,nu=0.5"], "Poisson"),
         (lambda arrays: None, ["--known", "pad"], "LABEL:E=MODULUS,nu=RATIO"),
         (lambda arrays: None, [*KNOWN, "--unknowns", "young"], "Poisson"),
+        *(
+            (lambda arrays: None, [*KNOWN, option.flags[0], "0.1"], f"{option.flags[0]} {ONLY}")
+            for option in needing()
+        ),
         (lambda arrays: None, [*KNOWN, "--method", "magic"], "magic"),
         (lambda arrays: None, [*KNOWN, "--picture", "out.bmp"], ".png"),
     ],

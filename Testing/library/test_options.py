@@ -10,7 +10,7 @@ from elastoidentify import InputError, pipeline
 from elastoidentify.cli import main
 from elastoidentify.imaging.image import Image
 from elastoidentify.inverse.identify import identify
-from elastoidentify.options import Choice, File, Flag, Number, Picture, Rows
+from elastoidentify.options import Choice, File, Flag, Number, Picture, Rows, unused
 from elastoidentify.results import Status
 from elastoidentify.study import (
     STEPS,
@@ -20,7 +20,7 @@ from elastoidentify.study import (
     RegistrationOptions,
     Study,
 )
-from option_samples import option_id, pictures, sample, scalar_options
+from option_samples import needing, option_id, pictures, sample, scalar_options
 
 OPTIONS_PAGE = Path(__file__).resolve().parents[2] / "docs" / "options.md"
 
@@ -104,6 +104,16 @@ def test_what_identify_takes_by_default_is_the_tables_default():
         if option.keyword:
             default = parameters[option.keyword].default
             assert default == option.argument(IdentificationOptions()), option.name
+
+
+@pytest.mark.parametrize("option", needing(), ids=option_id)
+def test_what_is_given_and_not_used_is_said_and_what_a_form_begins_with_is_not(option):
+    said = f"{option.name} says something only with {option.needs[0]} {option.needs[1]}"
+    (sentence,) = unused(Study(**{option.name: sample(option)}), IdentificationOptions)
+    assert sentence.startswith(said)
+    needed = {option.needs[0]: option.needs[1]}
+    assert unused(Study(**{option.name: sample(option)}, **needed), IdentificationOptions) == []
+    assert unused(Study(**{option.name: option.form_start}), IdentificationOptions) == []
 
 
 # ---- from the table to the library

@@ -583,6 +583,14 @@ def test_every_option_arrives_from_the_parameter_node_in_the_study(name):
     assert getattr(study, name) == other != start
 
 
+@pytest.mark.parametrize("option", option_samples.needing(), ids=option_samples.option_id)
+def test_an_option_that_is_not_used_is_in_the_report(option):
+    inputs, _ = sample.add_exact_push()
+    inputs["options"] = {"method": "global", option.name: option_samples.sample(option)}
+    report = ElastoIdentifyLogic.report(ElastoIdentifyLogic().process(**inputs))
+    assert f"{option.name} says something only with" in report
+
+
 def test_segments_that_slide_are_said_by_their_names():
     names, option = {3: "Pad", 7: "My tissue"}, parameters.options()["slip"]
     assert parameters.rows_of_text("Pad:My tissue", option, names) == ((3, 7),)

@@ -90,6 +90,13 @@ def test_every_parameter_named_in_the_ui_exists_and_every_parameter_has_its_widg
     assert parameters - connected == by_code
 
 
+def test_what_says_nothing_beside_the_other_choices_is_switched_off(panel):
+    boxes = panel.ui.poissonRatioSpinBox, panel.ui.poissonStdOption
+    for word, used in (("lambda-mu", False), ("young", True)):
+        panel.ui.unknownsComboBox.setCurrentText(word)
+        assert [box.enabled for box in boxes] == [used, used]
+
+
 def test_apply_says_what_is_missing_one_thing_after_another(panel):
     button, ui = panel.ui.applyButton, panel.ui
 

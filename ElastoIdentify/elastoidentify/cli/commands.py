@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..options import Picture, Table
+from ..options import Picture, Table, only_with
 from ..report.terminal import TerminalProgress, figure
 from ..study import (
     Identification,
@@ -340,7 +340,7 @@ def _said(arguments, table: type[Table]) -> dict:
         needs = table.options()[name].needs
         if needs and said.get(needs[0], table.options()[needs[0]].default) != needs[1]:
             flag, other = (table.options()[one].flags[0] for one in (name, needs[0]))
-            raise InputError(f"{flag} says something only with {other} {needs[1]}: add it")
+            raise InputError(f"{only_with(flag, other, needs[1])}: add it")
     return said
 
 

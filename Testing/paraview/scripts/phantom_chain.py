@@ -40,6 +40,12 @@ for name, quantity in QUANTITIES.items():
     np.testing.assert_array_equal(cell(found, name), expected_values, err_msg=name)
 np.testing.assert_allclose(cell(found, "Mu"), cell(mesh, "TrueMu"), rtol=1e-8)
 
+unused = LameIdentification(Input=phantom, Method="global", PoissonStd=0.05)  # noqa: F405
+for proxy, said in ((unused, True), (identification, False)):  # the form begins with a ratio
+    told = servermanager.Fetch(proxy).GetFieldData().GetAbstractArray("Warnings")  # noqa: F405
+    words = "poisson_std says something only with unknowns young"
+    assert any(words in line for line in convert.all_texts(told)) is said
+
 # ---- ParaView's filters before: only the named part of the mesh, an array scaled by Calculator
 pad_and_tissue = Threshold(Input=phantom)  # noqa: F405
 pad_and_tissue.Scalars = ["CELLS", "Label"]
