@@ -142,10 +142,12 @@ class FileManager:
         name = properties.get("name") or Path(path).name.split(".")[0]
         if not os.path.isfile(path):
             return False
-        suffix = self.fileType(path)
+        # A labelmap in a plain file becomes segments if they are asked for.
+        suffix = ".seg.nrrd" if file_type == "SegmentationFile" else self.fileType(path)
         if suffix == "volume":
-            labels = 1 if properties.get("labelmap") else 0
-            node = slicer.modules.volumes.logic().AddArchetypeVolume(path, name, labels)
+            bits = {"labelmap": 1, "singleFile": 4}  # of the logic's loading options
+            asked = sum(bit for word, bit in bits.items() if properties.get(word))
+            node = slicer.modules.volumes.logic().AddArchetypeVolume(path, name, asked)
         else:
             storage_class, node_class = STORAGE[suffix]
             node = slicer.mrmlScene.AddNewNodeByClass(node_class, name)
