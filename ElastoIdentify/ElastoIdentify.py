@@ -445,9 +445,11 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def onRestore(self, checked=False):
         """Change the result and the one that it replaced."""
         from ElastoIdentifyLib.outputs import exchange
+        from ElastoIdentifyLib.views import show_figures
 
-        self._parameterNode.resultModel = exchange(self._parameterNode.resultModel)
-        self._status(self.logic.reportOf(self._parameterNode.resultModel))
+        model = self._parameterNode.resultModel = exchange(self._parameterNode.resultModel)
+        show_figures(model)
+        self._status(self.logic.reportOf(model))
 
     def onExport(self, kind):
         """Ask where to, install what is missing, and write."""

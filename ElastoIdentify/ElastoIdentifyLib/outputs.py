@@ -362,6 +362,11 @@ def _folder_of(model) -> tuple[object, int, list]:
     return hierarchy, folder, nodes
 
 
+def nodes_of_result(model) -> list:
+    """Return the nodes of the result that a model node belongs to."""
+    return _folder_of(model)[2]
+
+
 def remove_result(model) -> None:
     """Remove the result that a model node belongs to: its folder and what this module put there."""
     hierarchy, folder, nodes = _folder_of(model)
@@ -408,7 +413,7 @@ def _rename(model, old: str, new: str) -> None:
 
 def _set_visible(model, visible: bool) -> None:
     """Show or hide the models of a result, and the legend."""
-    for node in _folder_of(model)[2]:
+    for node in nodes_of_result(model):
         if node.IsA("vtkMRMLModelNode"):
             node.GetDisplayNode().SetVisibility(visible)
     legend = slicer.modules.colors.logic().GetColorLegendDisplayNode(model)

@@ -5,7 +5,7 @@ import slicer
 from vtk.util.numpy_support import vtk_to_numpy
 
 from .images import ijk_to_world
-from .outputs import show_quantity
+from .outputs import nodes_of_result, show_quantity
 
 LAYOUT = 7137
 """Number of the module's layout; Slicer's own end at 100."""
@@ -74,13 +74,21 @@ def show_result(result, request) -> None:
     _renew_legend(result.model)
     red = slicer.mrmlScene.GetNodeByID("vtkMRMLSliceNodeRed")
     turn_to_map(red, result.model, request)
+    show_figures(result.model)
+    turn_camera(slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLViewNode"), result.model, red)
+
+
+def show_figures(model) -> None:
+    """Show the table and the chart of a result in the views that show some."""
     logic = slicer.app.applicationLogic()
     selection = logic.GetSelectionNode()
-    selection.SetActiveTableID(result.table.GetID())
-    selection.SetActivePlotChartID(result.chart.GetID())
+    for node in nodes_of_result(model):
+        if node.IsA("vtkMRMLTableNode"):
+            selection.SetActiveTableID(node.GetID())
+        elif node.IsA("vtkMRMLPlotChartNode"):
+            selection.SetActivePlotChartID(node.GetID())
     logic.PropagateTableSelection()
     logic.PropagatePlotChartSelection()
-    turn_camera(slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLViewNode"), result.model, red)
 
 
 def _renew_legend(model) -> None:

@@ -185,6 +185,17 @@ def results():
     return {node.GetName(): bool(node.GetDisplayNode().GetVisibility()) for node in models}
 
 
+def is_figure(node):
+    return node.GetClassName() in ("vtkMRMLTableNode", "vtkMRMLPlotChartNode")
+
+
+def figures():
+    """The table and the chart that the views are asked to show."""
+    selection = slicer.app.applicationLogic().GetSelectionNode()
+    ids = selection.GetActiveTableID(), selection.GetActivePlotChartID()
+    return {slicer.mrmlScene.GetNodeByID(one) for one in ids}
+
+
 def test_a_new_result_puts_the_last_one_aside_and_a_click_exchanges_them(panel):
     fill(panel)
     made = []
@@ -203,6 +214,7 @@ def test_a_new_result_puts_the_last_one_aside_and_a_click_exchanges_them(panel):
         folders = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
         item = folders.GetItemParent(folders.GetItemByDataNode(shown))
         assert folders.GetItemName(item) == "Stiffness map"
+        assert figures() == {node for node in outputs.nodes_of_result(shown) if is_figure(node)}
         assert "cells identified" in panel.ui.statusLabel.text
 
 
