@@ -164,6 +164,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._guiTag = None
         self._filling = False
         self._observedSegmentation = None
+        self._reportedModel = None
         self._segmentIds = []
         VTKObservationMixin.__init__(self)
         ScriptedLoadableModuleWidget.__init__(self, parent)  # without a parent it calls setup()
@@ -195,6 +196,7 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             slicer.mrmlScene, slicer.mrmlScene.StartImportEvent, self.onSceneStartImport
         )
         self.addObserver(slicer.mrmlScene, slicer.mrmlScene.EndImportEvent, self.onSceneEndImport)
+        self.addObserver(slicer.mrmlScene, slicer.mrmlScene.NodeAddedEvent, self.onNodeAdded)
         self.ui.applyButton.connect("clicked(bool)", self.onApplyButton)
         self.ui.currentSliceButton.connect("clicked(bool)", self.onCurrentSlice)
         self.ui.restoreButton.connect("clicked(bool)", self.onRestore)
@@ -247,9 +249,19 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         # The views of the scene are set up after this event.
         qt.QTimer.singleShot(0, lambda: mend_camera(model))
 
+    def onNodeAdded(self, caller=None, event=None):
+        if self.parent.isEntered:
+            qt.QTimer.singleShot(0, self._suggest)  # when what is being loaded is there as a whole
+
     def initializeParameterNode(self):
         """Make sure that the parameter node is there, and suggest what can be guessed."""
         self.setParameterNode(self.logic.getParameterNode())
+        self._suggest()
+
+    def _suggest(self):
+        """Choose the first volume and the first segmentation where none is chosen."""
+        if self._parameterNode is None:
+            return
         from ElastoIdentifyLib.request import first_of_class
 
         if self._parameterNode.restVolume is None:
@@ -303,20 +315,30 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self._filling = False
         self._showQuantity()
         self._updateResultButtons()
+        self._showReport()
         self.updateApplyButton()
 
     def _updateResultButtons(self):
         """What can be done with a result needs one."""
-        from ElastoIdentifyLib.outputs import RESULT, previous_result
+        from ElastoIdentifyLib.outputs import is_map, previous_result
 
-        model = self._parameterNode.resultModel
         self.ui.restoreButton.enabled = previous_result() is not None
         for button in (
             self.ui.exportDicomButton,
             self.ui.exportNiftiButton,
             self.ui.exportHtmlButton,
         ):
-            button.enabled = model is not None and bool(model.GetAttribute(RESULT))
+            button.enabled = is_map(self._parameterNode.resultModel)
+
+    def _showReport(self):
+        """Say of every result that is chosen how far to trust it, also of one that was saved."""
+        from ElastoIdentifyLib.outputs import is_map
+
+        model = self._parameterNode.resultModel
+        if model is self._reportedModel:
+            return
+        self._reportedModel = model
+        self._status(self.logic.reportOf(model) if is_map(model) else "")
 
     @staticmethod
     def _checkNodes(selector, nodes):
@@ -447,9 +469,8 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         from ElastoIdentifyLib.outputs import exchange
         from ElastoIdentifyLib.views import show_figures
 
-        model = self._parameterNode.resultModel = exchange(self._parameterNode.resultModel)
-        show_figures(model)
-        self._status(self.logic.reportOf(model))
+        self._parameterNode.resultModel = exchange(self._parameterNode.resultModel)
+        show_figures(self._parameterNode.resultModel)
 
     def onExport(self, kind):
         """Ask where to, install what is missing, and write."""
@@ -548,7 +569,6 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         )
         parameters.resultModel = result.model
         self.logic.showResult(result, run.request)
-        self._status(self.logic.report(result))
 
     def cancelRun(self):
         """Stop a run that is under way, without a word."""
@@ -731,18 +751,18 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
 
         report = read_report(model.GetMesh(), "identification")
         status = slicer.util.arrayFromModelCellData(model, "Status")
-        sentences = [
-            _(report["verdict"]["sentence"]),
-            _(
-                "{found} of {cells} cells identified, {open} not determined (method {method})."
-            ).format(
-                found=int((status == Status.IDENTIFIED).sum()),
-                cells=int((status != Status.KNOWN).sum()),
-                open=int((status == Status.NOT_DETERMINED).sum()),
-                method=report.get("method", "?"),
-            ),
-        ]
-        return " ".join(sentences + [_(warning) for warning in report["warnings"]])
+        # Maps that were saved long ago have none.
+        verdict = [_(report["verdict"]["sentence"])] if "verdict" in report else []
+        found = _(
+            "{found} of {cells} cells identified, {open} not determined (method {method})."
+        ).format(
+            found=int((status == Status.IDENTIFIED).sum()),
+            cells=int((status != Status.KNOWN).sum()),
+            open=int((status == Status.NOT_DETERMINED).sum()),
+            method=report.get("method", "?"),
+        )
+        warnings = [_(warning) for warning in report.get("warnings", [])]
+        return " ".join([*verdict, found, *warnings])
 
     @staticmethod
     def showResult(result, request):

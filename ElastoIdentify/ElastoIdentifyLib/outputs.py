@@ -362,6 +362,13 @@ def _folder_of(model) -> tuple[object, int, list]:
     return hierarchy, folder, nodes
 
 
+def is_map(model) -> bool:
+    """Return whether a model node, or None, is the map of a result."""
+    if model is None or not model.GetAttribute(RESULT) or model.GetMesh() is None:
+        return False
+    return model.GetMesh().GetCellData().HasArray("Status") == 1
+
+
 def nodes_of_result(model) -> list:
     """Return the nodes of the result that a model node belongs to."""
     return _folder_of(model)[2]

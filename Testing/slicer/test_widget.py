@@ -370,7 +370,9 @@ def test_a_saved_scene_comes_back_into_the_panel(panel, tmp_path):
     assert slicer.mrmlScene.WriteToMRB(path, None)
     slicer.mrmlScene.Clear(0)
     assert panel.ui.restSelector.currentNode() is None
+    assert panel.ui.statusLabel.text == ""
     assert slicer.mrmlScene.ReadFromMRB(path)
+    assert "cells identified" in panel.ui.statusLabel.text
     panel.enter()
 
     ui = panel.ui
@@ -410,6 +412,7 @@ def test_another_model_chosen_as_result_is_left_as_it_is(panel):
     panel.ui.resultSelector.setCurrentNode(liver)
     panel.ui.showComboBox.setCurrentText("Lambda")
     assert not liver.GetDisplayNode().GetScalarVisibility()
+    assert panel.ui.statusLabel.text == ""
     click(panel.ui.applyButton)
     finish(panel)
     assert slicer.mrmlScene.GetNodeByID(liver.GetID()) is liver
@@ -421,6 +424,14 @@ def test_a_labelmap_is_not_suggested_as_the_rest_volume(panel):
     panel.initializeParameterNode()
     assert panel._parameterNode.restVolume is None
     assert panel.ui.applyButton.text == "Apply: choose a rest volume"
+
+
+def test_what_is_loaded_while_the_panel_is_open_is_suggested(panel):
+    inputs, _ = sample.add_exact_push()
+    QtWidgets.QApplication.processEvents()
+    assert panel._parameterNode.restVolume is inputs["restVolume"]
+    assert panel._parameterNode.segmentation is inputs["segmentation"]
+    assert panel.ui.applyButton.text == "Apply: choose pushed volumes"
 
 
 def test_two_scenes_one_after_another(panel):
