@@ -79,10 +79,11 @@ def click(widget, x=None, y=None, times=1):
     _xdotool("click", "--repeat", times, "--delay", 80, 1)
 
 
-def click_item(view, index):
+def click_item(view, index, times=1):
     """Click an item of a list, a tree or a table."""
     area = view.visualRect(index)
-    click(view.viewport(), area.x() + min(area.width() // 2, 40), area.y() + area.height() // 2)
+    x, y = area.x() + min(area.width() // 2, 40), area.y() + area.height() // 2
+    click(view.viewport(), x, y, times)
 
 
 def drag(widget, points):

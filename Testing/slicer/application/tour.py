@@ -2,10 +2,10 @@
 
 start.sh FOLDER --python-script /helpers/tour.py OUTPUT_FOLDER [PART...]
 
-Parts, in this order: sample cancel apply views again exports scene files editor volume selftest.
+Parts, in this order: sample cancel apply views again exports scene files drawn volume selftest.
 cancel and apply need sample before them, views, again and exports need apply, scene and files need
-apply or saved, which opens the scene of an earlier tour. Ends with a line per check, and with the
-exit code 1 if one of them failed.
+apply or saved, which opens the scene of an earlier tour, drawn needs files. Ends with a line per
+check, and with the exit code 1 if one of them failed.
 """
 
 import glob
@@ -22,7 +22,7 @@ import mouse
 from mouse import until
 
 OUTPUT = Path(sys.argv[1] if len(sys.argv) > 1 else "/tmp/tour").resolve()
-ALL = ("sample", "cancel", "apply", "views", "again", "exports", "scene", "files", "editor")
+ALL = ("sample", "cancel", "apply", "views", "again", "exports", "scene", "files", "drawn")
 ALL += ("volume", "selftest")
 PARTS = sys.argv[2:] or ALL
 checks = []
@@ -92,28 +92,25 @@ def choose(box, text):
 # ---- parts
 
 
-def sample():
-    """Sample Data: the phantom's button is there, and a click makes its nodes."""
+def click_sample(text, segmentation):
+    """Sample Data: the phantoms' buttons are there; a click on one makes its nodes."""
     slicer.util.selectModule("SampleData")
     yield 2
     widget = slicer.modules.sampledata.widgetRepresentation()
-    photo("sample-data")
-    shown = [
-        b for b in slicer.util.findChildren(widget, className="QToolButton") if "phantom" in b.text
-    ]
-    check("Sample Data has the phantoms' buttons", len(shown) == 2, [b.text for b in shown])
-    shown = [b for b in shown if "3-D" not in b.text]
-    scroll = widget.parent()
-    while scroll is not None and not scroll.inherits("QScrollArea"):
-        scroll = scroll.parent()
-    if scroll is not None:
-        scroll.ensureWidgetVisible(shown[0])
+    buttons = slicer.util.findChildren(widget, className="QToolButton")
+    shown = {b.text: b for b in buttons if "phantom" in b.text}
+    check("Sample Data has the phantoms' buttons", len(shown) == 2, list(shown))
+    scroll(shown[text])
     yield 0.5
-    mouse.click(shown[0])
-    yield until(
-        "the phantom", lambda: "Phantom segmentation" in names("vtkMRMLSegmentationNode"), 240
-    )
+    photo("sample-data")
+    mouse.click(shown[text])
+    yield until("the phantom", lambda: segmentation in names("vtkMRMLSegmentationNode"), 240)
     yield 3
+
+
+def sample():
+    """The phantom of Sample Data, a slice."""
+    yield from click_sample("ElastoIdentify phantom", "Phantom segmentation")
     photo("sample")
     check(
         "phantom: three volumes",
@@ -129,32 +126,14 @@ def inputs():
     yield 2
     ui = panel().ui
     check("rest volume suggested", ui.restSelector.currentNode().GetName() == "Phantom rest")
+    check("the table has the segments' colours", swatches() == colours(), swatches())
     check(
         "button says what is missing",
         "choose pushed volumes" in ui.applyButton.text,
         ui.applyButton.text,
     )
     photo("panel-missing")
-    scroll(ui.pushedSelector)
-    yield 0.5
-    mouse.click(ui.pushedSelector)
-    yield 1.5
-    photo("panel-pushed-open")
-    box = slicer.util.findChildren(ui.pushedSelector, className="ctkCheckableComboBox")[0]
-    view = box.view()
-    for row in range(box.count):
-        index = box.model().index(row, 0, box.rootModelIndex())
-        if "pushed" in str(index.data()):
-            mouse.click_item(view, index)
-            yield 0.5
-    mouse.keys("Escape")
-    yield 0.5
-    check(
-        "two pushed volumes are checked",
-        [n.GetName() for n in panel()._parameterNode.pushedVolumes]
-        == ["Phantom pushed 1", "Phantom pushed 2"],
-        [n.GetName() for n in panel()._parameterNode.pushedVolumes],
-    )
+    yield from check_volumes(2)
     scroll(ui.edgeLengthSpinBox)
     yield 0.3
     check("edge length is automatic", ui.edgeLengthSpinBox.text == "automatic")
@@ -177,6 +156,45 @@ def inputs():
     photo("panel-ready")
 
 
+def check_volumes(number):
+    """Check the pushed volumes in their list."""
+    selector = panel().ui.pushedSelector
+    scroll(selector)
+    yield 0.5
+    mouse.click(selector)
+    yield 1.5
+    photo("panel-pushed-open")
+    box = slicer.util.findChildren(selector, className="ctkCheckableComboBox")[0]
+    view = box.view()
+    for row in range(box.count):
+        index = box.model().index(row, 0, box.rootModelIndex())
+        if "pushed" in str(index.data()):
+            mouse.click_item(view, index)
+            yield 0.5
+    mouse.keys("Escape")
+    yield 0.5
+    checked = [node.GetName() for node in panel()._parameterNode.pushedVolumes]
+    good = len(checked) == number and all("pushed" in name for name in checked)
+    check("the pushed volumes are checked", good, checked)
+
+
+def swatches():
+    """Return the colours of the squares in the table of materials."""
+    table = panel().ui.materialsTable
+    pixels = [
+        qt.QColor(table.item(row, 0).icon().pixmap(16, 16).toImage().pixel(8, 8))
+        for row in range(table.rowCount)
+    ]
+    return [(pixel.red(), pixel.green(), pixel.blue()) for pixel in pixels]
+
+
+def colours():
+    """Return the colours of the segments, 0 to 255."""
+    segments = panel()._parameterNode.segmentation.GetSegmentation()
+    found = [segments.GetNthSegment(n).GetColor() for n in range(segments.GetNumberOfSegments())]
+    return [tuple(round(255 * part) for part in colour) for colour in found]
+
+
 def scroll(widget):
     """Bring a widget of the panel into sight."""
     area = widget.parent()
@@ -194,12 +212,7 @@ def cancel():
     before = slicer.mrmlScene.GetNumberOfNodes()
     mouse.click(ui.applyButton)
     yield 2
-    dialog = slicer.app.activeModalWidget()
-    if dialog is not None:  # itk-elastix is not there yet
-        photo("install")
-        mouse.click(button(dialog, "OK"))
-        yield until("the installation", lambda: panel().run is not None, 600)
-        yield 1
+    yield from install()  # itk-elastix, if it is not there yet
     check("Apply turned into Cancel", ui.applyButton.text == "Cancel", ui.applyButton.text)
     yield until("progress", lambda: panel().run is None or panel().run.fraction > 0.03, 300)
     yield 1
@@ -218,10 +231,9 @@ def cancel():
     photo("cancelled")
 
 
-def apply():
-    """A map of the phantom."""
+def press_apply(seconds):
+    """Press Apply and wait for the end; returns the words of progress that were shown."""
     ui = panel().ui
-    panel()._parameterNode.cache = str(OUTPUT / "cache")  # the next map of it is there at once
     scroll(ui.applyButton)
     yield 0.3
     mouse.click(ui.applyButton)
@@ -233,14 +245,26 @@ def apply():
             seen.append(ui.statusLabel.text)
         return panel().run is None
 
-    yield until("the map", done, 1800)
+    yield until("the map", done, seconds)
     yield 4
+    return seen
+
+
+def apply():
+    """A map of the phantom."""
+    panel()._parameterNode.cache = str(OUTPUT / "cache")  # the next map of it is there at once
+    seen = yield from press_apply(1800)
     photo("map")
     check("many words of progress were shown", len(seen) > 20, len(seen))
     model = panel()._parameterNode.resultModel
-    check("there is a map", model is not None, ui.statusLabel.text)
-    if model is None:
-        return
+    check("there is a map", model is not None, panel().ui.statusLabel.text)
+    if model is not None:
+        moduli()
+
+
+def moduli():
+    """Print the medians by label, and the table."""
+    model = panel()._parameterNode.resultModel
     label, mu, status = (
         slicer.util.arrayFromModelCellData(model, name) for name in ("Label", "Mu", "Status")
     )
@@ -249,25 +273,18 @@ def apply():
         print("    label", value, "median mu", np.median(mu[inside]), "cells", inside.sum())
     table = slicer.util.getNode("Stiffness: segments").GetTable()
     for row in range(table.GetNumberOfRows()):
-        print(
-            "    ", [table.GetValue(row, c).ToString() for c in range(table.GetNumberOfColumns())]
-        )
+        cells = (table.GetValue(row, c) for c in range(table.GetNumberOfColumns()))
+        print("    ", [cell.ToString() for cell in cells])
 
 
-def bright_part(widget):
-    """Return how much of a view is not of its most common colours (its background)."""
+def coloured(widget):
+    """Return whether a view shows strong colours, which the map has, and on how much of it."""
     image = widget.grab().toImage()
-    colours = {}
-    for x in range(0, image.width(), 4):
-        for y in range(0, image.height(), 4):
-            colour = qt.QColor(image.pixel(x, y))
-            if (
-                max(colour.red(), colour.green(), colour.blue())
-                - min(colour.red(), colour.green(), colour.blue())
-                > 90
-            ):
-                colours[(x, y)] = True
-    return len(colours) / (image.width() // 4 * (image.height() // 4))
+    places = [(x, y) for x in range(0, image.width(), 4) for y in range(0, image.height(), 4)]
+    found = [qt.QColor(image.pixel(x, y)) for x, y in places]
+    parts = [(colour.red(), colour.green(), colour.blue()) for colour in found]
+    share = sum(max(part) - min(part) > 90 for part in parts) / len(parts)
+    return share > 0.02, round(share, 3)
 
 
 def sight():
@@ -287,25 +304,13 @@ def views():
     check("one 3-D view", manager.threeDViewCount == 1)
     model, angle = panel()._parameterNode.resultModel, sight()
     check("the camera does not look along the plane's edge", angle < 60, f"{angle:.0f} degrees")
-    check(
-        "3-D view shows colours",
-        bright_part(manager.threeDWidget(0)) > 0.02,
-        bright_part(manager.threeDWidget(0)),
-    )
-    check(
-        "red view shows colours",
-        bright_part(manager.sliceWidget("Red")) > 0.02,
-        bright_part(manager.sliceWidget("Red")),
-    )
-    table = manager.tableWidget(0).tableView()
-    check("the table is shown", table.mrmlTableNode() is not None)
-    plot = manager.plotWidget(0).mrmlPlotViewNode()
-    check("the chart is shown", plot.GetPlotChartNodeID() is not None)
+    check("3-D view shows colours", *coloured(manager.threeDWidget(0)))
+    check("red view shows colours", *coloured(manager.sliceWidget("Red")))
+    check("table and chart are the map's", *figures_of(model))
     ui = panel().ui
     scroll(ui.showComboBox)
     yield 0.5
-    for _ in choose(ui.showComboBox, "MuStd"):
-        yield _
+    yield from choose(ui.showComboBox, "MuStd")
     yield 1
     check(
         "another quantity is shown",
@@ -313,8 +318,7 @@ def views():
         model.GetDisplayNode().GetActiveScalarName(),
     )
     photo("map-uncertainty")
-    for _ in choose(ui.showComboBox, "Mu"):
-        yield _
+    yield from choose(ui.showComboBox, "Mu")
     slicer.util.selectModule("Data")
     yield 2
     photo("data")
@@ -322,8 +326,17 @@ def views():
     yield 1
 
 
+def figures_of(model):
+    """Return whether the table and the chart that are shown are a result's, and their names."""
+    manager = slicer.app.layoutManager()
+    table = manager.tableWidget(0).tableView().mrmlTableNode()
+    chart = manager.plotWidget(0).mrmlPlotViewNode().GetPlotChartNode()
+    shown = [node and node.GetName() for node in (table, chart)]
+    return shown == [f"{model.GetName()}: segments", f"{model.GetName()}: chart"], shown
+
+
 def again():
-    """A second map puts the first one aside; a click brings it back."""
+    """A second map puts the first one aside; a click brings it back, another one the second."""
     ui = panel().ui
     first = panel()._parameterNode.resultModel
     scroll(ui.applyButton)
@@ -337,61 +350,96 @@ def again():
     check("the first is put aside", first.GetName() == "Stiffness (previous)", first.GetName())
     check("and hidden", not first.GetDisplayNode().GetVisibility())
     check("the second has its name", second.GetName() == "Stiffness", second.GetName())
-    scroll(ui.restoreButton)
-    yield 0.5
-    mouse.click(ui.restoreButton)
-    yield 1
-    check("the first is back", panel()._parameterNode.resultModel is first, first.GetName())
-    check("and seen", first.GetDisplayNode().GetVisibility())
-    photo("restored")
+    check("table and chart are the second's", *figures_of(second))
+    photo("second")
+    for name, model, other in (("first", first, second), ("second", second, first)):
+        scroll(ui.restoreButton)
+        yield 0.5
+        mouse.click(ui.restoreButton)
+        yield 1
+        shown = panel()._parameterNode.resultModel
+        check(f"the {name} is back", shown is model and model.GetName() == "Stiffness")
+        check("and seen", model.GetDisplayNode().GetVisibility())
+        check("the other is not", not other.GetDisplayNode().GetVisibility(), other.GetName())
+        check(f"table and chart are the {name}'s", *figures_of(model))
+        photo(f"restored-{name}")
 
 
 def exports():
-    """What radiologists take away: a page by the button, DICOM and NIfTI by the logic."""
+    """What radiologists take away, by the three buttons and Slicer's own file dialogs."""
     ui = panel().ui
     folder = OUTPUT / "exports"
-    folder.mkdir(parents=True, exist_ok=True)
-    model = panel()._parameterNode.resultModel
-    scroll(ui.exportHtmlButton)
-    yield 0.5
-    mouse.click(ui.exportHtmlButton)
-    yield 2
-    photo("export")
-    mouse.keys("ctrl+a")
-    mouse.write(str(folder / "map.html"))
-    mouse.keys("Return")
-    yield until("the page", lambda: (folder / "map.html").exists(), 120)
-    yield 1
-    check("the status line names the page", "map.html" in ui.statusLabel.text, ui.statusLabel.text)
-    for kind, target in (("nifti", folder / "map"), ("dicom", folder / "dicom")):
-        try:
-            files = panel().logic.export(model, kind, str(target), ask=False)
-            check(f"{kind} files are there", all(file.exists() for file in files), len(files))
-        except Exception as problem:
-            check(f"{kind} files are there", False, repr(problem))
+    (folder / "dicom").mkdir(parents=True, exist_ok=True)
+    for kind, where, made in (
+        ("Html", folder / "map.html", "map.html"),
+        ("Nifti", folder / "case1", "case1_mu.nii.gz"),
+        ("Dicom", folder / "dicom", "dicom/mu.dcm"),
+    ):
+        yield from export(getattr(ui, f"export{kind}Button"), kind.lower(), where)
+        written = (folder / made).exists()
+        check(f"{kind} is written", written, ui.statusLabel.text)
+        check("the status line says so", "Wrote" in ui.statusLabel.text, ui.statusLabel.text)
         yield 0.5
+
+
+def export(pressed, kind, where):
+    """Press a button of Export, cancel its dialog, press it again and write a name."""
+    before = panel().ui.statusLabel.text
+    scroll(pressed)
+    yield 0.5
+    for written in (False, True):
+        mouse.click(pressed)
+        yield 2
+        photo(f"export-{kind}")
+        check(f"{kind}: a dialog asks where to", slicer.app.activeModalWidget() is not None)
+        if not written:
+            mouse.keys("Escape")
+            yield 1
+            check(f"{kind}: Cancel writes nothing", panel().ui.statusLabel.text == before)
+            continue
+        mouse.keys("ctrl+a")
+        mouse.write(str(where))
+        mouse.keys("Return")
+        yield 2
+    yield from install()
+    yield until("the files", lambda: panel().ui.statusLabel.text != before, 240)
+
+
+def install():
+    """Say yes, if something is to be installed."""
+    dialog = slicer.app.activeModalWidget()
+    if dialog is not None:
+        photo("install")
+        mouse.click(button(dialog, "OK"))
+        yield until("the installation", lambda: slicer.app.activeModalWidget() is None, 600)
+        yield 1
 
 
 def volume():
     """The 3-D phantom of Sample Data, with one value per segment."""
     slicer.mrmlScene.Clear(0)
     yield 1
-    import ElastoIdentify
-
-    rest, *pushed, segmentation = ElastoIdentify.loadSampleVolume()
-    yield 2
+    yield from click_sample("ElastoIdentify 3-D phantom", "Phantom 3-D segmentation")
+    photo("sample-volume")
     slicer.util.selectModule("ElastoIdentify")
-    yield 1
-    parameters = panel()._parameterNode
-    parameters.restVolume, parameters.pushedVolumes = rest, pushed
-    parameters.segmentation, parameters.wholeVolume = segmentation, True
+    yield 2
+    ui, parameters = panel().ui, panel()._parameterNode
+    yield from check_volumes(3)
+    scroll(ui.wholeVolumeCheckBox)
+    yield 0.3
+    mouse.click(ui.wholeVolumeCheckBox, 10)
+    yield 0.5
+    check("whole volume is checked", parameters.wholeVolume)
     parameters.edgeLength, parameters.grouping = 11.0, "label"
-    yield 1
-    mouse.click(panel().ui.applyButton)
-    yield until("the 3-D map", lambda: panel().run is None, 1800)
+    yield from press_apply(1800)
     yield 3
     photo("volume")
-    check("there is a 3-D map", parameters.resultModel is not None, panel().ui.statusLabel.text)
+    model = parameters.resultModel
+    check("there is a 3-D map", model is not None, ui.statusLabel.text)
+    if model is not None:
+        moduli()
+        check("3-D view shows colours", *coloured(slicer.app.layoutManager().threeDWidget(0)))
+        check("table and chart are the map's", *figures_of(model))
 
 
 def saved():
@@ -403,65 +451,104 @@ def saved():
     photo("saved")
 
 
-def scene():
-    """Save, close, load again: the map and the panel come back."""
-    before = slicer.util.arrayFromModelCellData(panel()._parameterNode.resultModel, "Mu").copy()
-    file = str(OUTPUT / "map.mrb")
-    check("the scene is saved", slicer.util.saveScene(file), Path(file).stat().st_size)
-    slicer.mrmlScene.Clear(0)
-    yield 2
-    check(
-        "after Close the panel asks for a volume",
-        "choose a rest volume" in panel().ui.applyButton.text,
-        panel().ui.applyButton.text,
-    )
-    photo("closed")
-    slicer.util.loadScene(file)
-    yield 4
-    photo("loaded")
-    parameters = panel()._parameterNode
-    check("the result is chosen again", parameters.resultModel is not None)
-    angle = sight()
-    check("the 3-D view does not look along the map's edge", angle < 75, f"{angle:.0f} degrees")
-    after = slicer.util.arrayFromModelCellData(parameters.resultModel, "Mu")
-    check("the same moduli", np.array_equal(before, after, equal_nan=True))
-    check(
-        "the pushed volumes are checked again", len(panel().ui.pushedSelector.checkedNodes()) == 2
-    )
-    check("edge length as before", parameters.edgeLength == 7.0)
-    materials = panel().ui.materialsTable
-    check("materials as before", materials.rowCount == 5, materials.rowCount)
-
-
-def files():
-    """Own files: written, and read through the window that File ▸ Add Data opens."""
-    folder = OUTPUT / "own"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in ("Phantom rest", "Phantom pushed 1", "Phantom pushed 2"):
-        slicer.util.saveNode(slicer.util.getNode(name), str(folder / f"{name[8:]}.nrrd"))
-    slicer.util.saveNode(
-        slicer.util.getNode("Phantom segmentation"), str(folder / "blocks.seg.nrrd")
-    )
-    slicer.mrmlScene.Clear(0)
-    yield 1
+def open_files(paths):
+    """Read files through the window that File ▸ Add Data opens."""
     mouse.click(slicer.util.mainWindow())
     mouse.keys("ctrl+o")
     yield 2
-    photo("add-data")
     dialog = slicer.app.activeModalWidget()
     check("Add Data opens", dialog is not None)
-    if dialog is None:
-        return
     mouse.click(button(dialog, "Choose File"))
     yield 2
     photo("add-data-files")
     chooser = slicer.app.activeModalWidget()
     check("a file dialog opens", chooser is not None and chooser is not dialog, str(chooser))
-    mouse.write(" ".join(f'"{path}"' for path in sorted(folder.glob("*.nrrd"))))
+    mouse.write(" ".join(f'"{path}"' for path in paths))
     mouse.keys("Return")
     yield 2
     photo("add-data-list")
     mouse.keys("Return")
+    yield 2
+
+
+def save_scene():
+    """Save the scene as one file through the window that File ▸ Save Data opens."""
+    slicer.mrmlScene.SetRootDirectory(str(OUTPUT))
+    before = set(OUTPUT.glob("*.mrb"))
+    mouse.click(slicer.util.mainWindow())
+    mouse.keys("ctrl+s")
+    yield 2
+    dialog = slicer.app.activeModalWidget()
+    check("Save Data opens", dialog is not None)
+    bundle = slicer.util.findChild(dialog, "DataBundleButton")
+    mouse.click(bundle)
+    yield 1
+    photo("save")
+    mouse.click(button(dialog, "Save"))
+    yield 2
+    # it may ask whether a file of this name is to be replaced
+    another = slicer.app.activeModalWidget()
+    if another is not None and another is not dialog:
+        photo("save-replace")
+        mouse.keys("Return")
+    yield until("the scene's file", lambda: slicer.app.activeModalWidget() is None, 120)
+    made = sorted(set(OUTPUT.glob("*.mrb")) - before)
+    check("the scene is saved", len(made) == 1, [path.stat().st_size for path in made])
+    made[0].rename(OUTPUT / "map.mrb")
+
+
+def close_scene():
+    """File ▸ Close Scene, and what it asks."""
+    mouse.click(slicer.util.mainWindow())
+    mouse.keys("ctrl+w")
+    yield 2
+    asked = slicer.app.activeModalWidget()
+    if asked is not None:
+        photo("close")
+        mouse.click(button(asked, "Close scene"))
+        yield 2
+
+
+def scene():
+    """Save, close, load again: the map and the panel come back."""
+    before = slicer.util.arrayFromModelCellData(panel()._parameterNode.resultModel, "Mu").copy()
+    was = panel().ui.statusLabel.text
+    yield from save_scene()
+    yield from close_scene()
+    says = panel().ui.applyButton.text
+    check("after Close the panel asks for a volume", "choose a rest volume" in says, says)
+    photo("closed")
+    yield from open_files([OUTPUT / "map.mrb"])
+    yield until("the map", lambda: panel()._parameterNode.resultModel is not None, 60)
+    yield 4
+    photo("loaded")
+    parameters, ui = panel()._parameterNode, panel().ui
+    angle = sight()
+    check("the 3-D view does not look along the map's edge", angle < 75, f"{angle:.0f} degrees")
+    manager = slicer.app.layoutManager()
+    check("3-D view shows colours", *coloured(manager.threeDWidget(0)))
+    check("red view shows colours", *coloured(manager.sliceWidget("Red")))
+    check("table and chart are the map's", *figures_of(parameters.resultModel))
+    after = slicer.util.arrayFromModelCellData(parameters.resultModel, "Mu")
+    check("the same moduli", np.array_equal(before, after, equal_nan=True))
+    check("the pushed volumes are checked again", len(ui.pushedSelector.checkedNodes()) == 2)
+    check("edge length as before", parameters.edgeLength == 7.0)
+    check("materials as before", ui.materialsTable.rowCount == 5, ui.materialsTable.rowCount)
+    check("the table has the segments' colours", swatches() == colours(), swatches())
+    check("the one put aside can be restored", ui.restoreButton.enabled)
+    print("    the status line before:", was, "after:", ui.statusLabel.text)
+
+
+def files():
+    """Own files, through File ▸ Add Data."""
+    folder = OUTPUT / "own"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("Phantom rest", "Phantom pushed 1", "Phantom pushed 2"):
+        slicer.util.saveNode(slicer.util.getNode(name), str(folder / f"{name[8:]}.nrrd"))
+    blocks = slicer.util.getNode("Phantom segmentation")
+    slicer.util.saveNode(blocks, str(folder / "blocks.seg.nrrd"))
+    yield from close_scene()
+    yield from open_files(sorted(folder.glob("*.nrrd")))
     yield until("the files", lambda: len(names("vtkMRMLSegmentationNode")) == 1, 60)
     yield 2
     slicer.util.selectModule("Data")  # the panel suggests when it is entered
@@ -469,16 +556,10 @@ def files():
     slicer.util.selectModule("ElastoIdentify")
     yield 2
     photo("own-files")
-    check(
-        "own files are there",
-        sorted(names("vtkMRMLScalarVolumeNode")) == ["pushed 1", "pushed 2", "rest"],
-        names("vtkMRMLScalarVolumeNode"),
-    )
-    check(
-        "own materials came with the segmentation",
-        panel().ui.materialsTable.rowCount == 5,
-        panel().ui.materialsTable.rowCount,
-    )
+    found = sorted(names("vtkMRMLScalarVolumeNode"))
+    check("own files are there", found == ["pushed 1", "pushed 2", "rest"], found)
+    rows = panel().ui.materialsTable.rowCount
+    check("own materials came with the segmentation", rows == 5, rows)
 
 
 def in_view(view, place):
@@ -488,56 +569,113 @@ def in_view(view, place):
     return x, view.height - 1 - y
 
 
-def editor():
-    """Segment Editor: segments drawn with the mouse on own images, then their materials."""
+# Shares of the image's height; nothing tells of the inclusion.
+DRAWN = {"indenter": (0.0, 0.09), "pad": (0.09, 0.294), "tissue": (0.294, 0.905)}
+DRAWN["floor"] = (0.905, 1.0)
+
+
+def drawn():
+    """Segments drawn with the mouse on own images, their materials by hand, and the map."""
     slicer.mrmlScene.Clear(0)
     for name in ("rest", "pushed 1", "pushed 2"):
         # Names that differ by their number are taken for the slices of one volume otherwise.
         slicer.util.loadVolume(str(OUTPUT / "own" / f"{name}.nrrd"), {"singleFile": True})
-    rest = slicer.util.getNode("rest")
     yield 1
+    yield from draw(slicer.util.getNode("rest"))
+    slicer.util.selectModule("ElastoIdentify")
+    yield 2
+    ui, parameters = panel().ui, panel()._parameterNode
+    check("the button asks for what is missing", "choose pushed" in ui.applyButton.text)
+    check("the table has the segments' colours", swatches() == colours(), swatches())
+    photo("segments-in-panel")
+    yield from check_volumes(2)
+    says = ui.applyButton.text
+    check("the button asks for a known segment", "say which segment is known" in says, says)
+    for row, role in enumerate(("rigid", "known", "unknown", "rigid")):
+        yield from choose(ui.materialsTable.cellWidget(row, 1), role)
+    for column, text in ((2, "5"), (3, "0.45")):
+        yield from write_cell(ui.materialsTable, 1, column, text)
+    pad = list(panel().logic.request(parameters).segments().values())[1][2]
+    check("E and ν are typed", (pad.young, pad.poisson) == (5.0, 0.45), pad)
+    photo("segments-materials")
+    parameters.edgeLength = 7.0
+    yield from press_apply(1800)
+    photo("segments-map")
+    model = parameters.resultModel
+    check("there is a map of the drawn segments", model is not None, ui.statusLabel.text)
+    if model is None:
+        return
+    moduli()
+    check("the inclusion, which was not drawn, is seen", *inclusion_of(model))
+
+
+def inclusion_of(model):
+    """Return whether mu is larger where the phantom's inclusion is than elsewhere, and medians."""
+    from ElastoIdentifyLib.images import ijk_to_world
+
+    rest = slicer.util.getNode("rest")
+    size = np.array(rest.GetImageData().GetDimensions())
+    points = slicer.util.arrayFromModelPoints(model)
+    mesh, ids = model.GetMesh(), []
+    for number in range(mesh.GetNumberOfCells()):
+        cell = mesh.GetCell(number)
+        ids.append([cell.GetPointId(n) for n in range(cell.GetNumberOfPoints())])
+    centres = np.c_[points[np.array(ids)].mean(axis=1), np.ones(len(ids))]
+    share = (centres @ np.linalg.inv(ijk_to_world(rest)).T)[:, :2] / size[:2]
+    away = np.hypot(*(share - (0.54, 0.58)).T)  # where it is in the picture, of radius 0.12
+    mu, tissue = (slicer.util.arrayFromModelCellData(model, name) for name in ("Mu", "Label"))
+    inside, outside = (
+        float(np.nanmedian(mu[part & (tissue == 3)])) for part in (away < 0.1, away > 0.2)
+    )
+    return inside > 2 * outside, (round(inside, 3), round(outside, 3))
+
+
+def write_cell(table, row, column, text):
+    """Write into a cell of a table, as a hand does."""
+    mouse.click_item(table, table.model().index(row, column), times=2)
+    yield 0.5
+    mouse.keys("ctrl+a")
+    mouse.write(text)
+    mouse.keys("Return")
+    yield 0.5
+
+
+def draw(rest):
+    """Draw the segments of DRAWN in the Segment Editor."""
+    from ElastoIdentifyLib.images import ijk_to_world
+
     slicer.util.selectModule("SegmentEditor")
     yield 2
     editor = slicer.modules.segmenteditor.widgetRepresentation().self().editor
     if editor.sourceVolumeNode() is None:
         editor.setSourceVolumeNode(rest)
     yield 1
-    photo("segment-editor")
-    view = slicer.app.layoutManager().sliceWidget("Red").sliceView()
-    slicer.app.layoutManager().sliceWidget("Red").mrmlSliceNode().RotateToVolumePlane(rest)
-    slicer.app.layoutManager().sliceWidget("Red").sliceLogic().FitSliceToAll()
+    red = slicer.app.layoutManager().sliceWidget("Red")
+    red.mrmlSliceNode().RotateToVolumePlane(rest)
+    red.sliceLogic().FitSliceToAll()
     yield 1
-    matrix = rest.GetImageData().GetDimensions()
-    toRas = np.eye(4)
-    from ElastoIdentifyLib.images import ijk_to_world
-
-    toRas = ijk_to_world(rest)
-    width, height = matrix[:2]
-    # shares of the image's height: the pad on top of the tissue, the rigid indenter and floor
-    for first, last in ((0.16, 0.30), (0.30, 0.85)):
+    photo("segment-editor")
+    width, height = rest.GetImageData().GetDimensions()[:2]
+    for first, last in DRAWN.values():
         mouse.click(button(editor, "Add"))
         yield 1
         mouse.click(button(editor, "Draw"))
         yield 1
-        corners = [(0.2, first), (0.8, first), (0.8, last), (0.2, last)]
-        for across, down in corners:
-            place = (toRas @ [across * width, down * height, 0, 1])[:3]
-            mouse.click(view, *in_view(view, place))
+        for across, down in ((0.09, first), (0.91, first), (0.91, last), (0.09, last)):
+            place = (ijk_to_world(rest) @ [across * width, down * height, 0, 1])[:3]
+            mouse.click(red.sliceView(), *in_view(red.sliceView(), place))
             yield 0.4
         mouse.keys("Return")
         yield 1
     photo("segments-drawn")
     node = editor.segmentationNode()
-    check("two segments were drawn", node.GetSegmentation().GetNumberOfSegments() == 2)
-    for number in range(node.GetSegmentation().GetNumberOfSegments()):
-        segmentId = node.GetSegmentation().GetNthSegmentID(number)
-        mask = slicer.util.arrayFromSegmentBinaryLabelmap(node, segmentId, rest)
-        check(f"segment {number + 1} is not empty", mask.any(), int(mask.sum()))
-    slicer.util.selectModule("ElastoIdentify")
-    yield 2
-    ui = panel().ui
-    check("the button asks for what is missing", "choose pushed" in ui.applyButton.text)
-    photo("segments-in-panel")
+    segments = node.GetSegmentation()
+    ids = [segments.GetNthSegmentID(n) for n in range(segments.GetNumberOfSegments())]
+    check("four segments were drawn", len(ids) == len(DRAWN), ids)
+    for number, (segment, name) in enumerate(zip(ids, DRAWN, strict=False), 1):
+        mask = slicer.util.arrayFromSegmentBinaryLabelmap(node, segment, rest)
+        check(f"segment {number} is not empty", mask.any(), int(mask.sum()))
+        segments.GetSegment(segment).SetName(name)
 
 
 def selftest():
@@ -566,11 +704,9 @@ def tour():
     check("the module is loaded", hasattr(slicer.modules, "elastoidentify"))
     for part in PARTS:
         print("--", part, flush=True)
-        for step in globals()[part]():
-            yield step
+        yield from globals()[part]()
         if part == "sample":
-            for step in inputs():
-                yield step
+            yield from inputs()
 
 
 def finished(problem):
