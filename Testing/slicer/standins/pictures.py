@@ -29,7 +29,7 @@ def make_pictures(folder: Path, small: bool = False) -> list[Path]:
     else:
         rest, *pushed, segmentation = sample.add_phantom()
         inputs = {"restVolume": rest, "pushedVolumes": pushed, "segmentation": segmentation}
-        inputs |= {"edgeLength": 7.0, "options": {"unknowns": "young", "poisson_ratio": 0.45}}
+        inputs["edgeLength"] = 7.0
     rest = inputs["restVolume"]
     widget = ElastoIdentifyWidget(ModulePanel())
     widget.setup()
