@@ -12,7 +12,9 @@ label. Kept in the folder are meshes and registrations, so that another fit need
 Printed are the shares of cells inside and outside of the lesion, of labels and of the ratio of the
 two labels whose true μ lies within two stated standard deviations, the root mean square of the
 errors in units of them (1: calibrated), the contrasts found, and beside them the error of the flat
-guess, which gives all tissue the value of the pad. A cell is inside when its centre is.
+guess, which gives all tissue the value of the pad. A cell is inside when its centre is. With
+``--correlations`` it is printed how alike the errors of the displacements are, in units of what is
+stated: of nodes at a distance in one trial, and of one node in the two trials.
 """
 
 import argparse
@@ -25,6 +27,7 @@ from elastoidentify.imaging.io import read_image
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom
 from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
 from elastoidentify.pipeline import make_mesh, measure, run
+from elastoidentify.results import to_matrices
 from elastoidentify.study import Study
 from elastoidentify.workers.elastix_client import ElastixProcess
 
@@ -111,6 +114,24 @@ def identified(phantom, way: str, mesh, registration, **options) -> dict:
     }
 
 
+def print_correlations(phantom, mesh, registration) -> None:
+    """Print correlations of errors, whitened with the information, between nodes and trials."""
+    information = to_matrices(registration.information)[..., :2, :2]
+    values, vectors = np.linalg.eigh(information)
+    root = np.einsum("tnik,tnk,tnjk->tnij", vectors, np.sqrt(np.maximum(values, 0)), vectors)
+    error = (registration.displacements - phantom.displacements(mesh.points))[..., :2]
+    inner = ~mesh.reaction_nodes.astype(bool)
+    z = np.einsum("tnij,tnj->tni", root, error)[:, inner]
+    z /= np.sqrt((z**2).mean())
+    pixels = mesh.points[inner, :2] / phantom.rest.spacing[0]
+    apart = np.linalg.norm(pixels[:, None] - pixels, axis=-1)
+    alike = np.einsum("tik,tjk->ij", z, z) / (2 * len(z))
+    for low, high in ((1, 10), (10, 20), (20, 40)):
+        near = (apart >= low) & (apart < high)
+        print(f"#   {low} to {high} pixels apart: correlation {alike[near].mean():+.2f}")
+    print(f"#   one node in two trials: correlation {(z[0] * z[1]).mean():+.2f}", flush=True)
+
+
 def _inside(phantom, mesh) -> np.ndarray:
     """Whether a cell's centre is in the lesion, (n_cells,)."""
     frame, lesion = phantom.frame, phantom.parameters["inclusions"][0]
@@ -178,6 +199,7 @@ def main() -> None:
     parser.add_argument("--phantoms", type=int, default=60)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
+    parser.add_argument("--correlations", action="store_true", help="of the displacements' errors")
     parser.add_argument("--keep", type=Path, help="folder of meshes and registrations")
     parser.add_argument("--out", type=Path, help="JSON of all that was found")
     arguments = parser.parse_args()
@@ -194,6 +216,8 @@ def main() -> None:
                 name = "hidden" if way == "hidden" else "followed"
                 file = arguments.keep and arguments.keep / f"{number}_{name}.pickle"
                 mesh, found = measured(phantom, way, file, elastix)
+                if arguments.correlations:
+                    print_correlations(phantom, mesh, found)
                 case[way] = identified(phantom, way, mesh, found)
                 print(f"# {number} {texture} {way} {lesion['contrast']:.2f} "
                       f"{case[way]['verdict']}", flush=True)  # fmt: skip

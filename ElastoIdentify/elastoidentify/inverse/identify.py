@@ -136,7 +136,8 @@ def identify(
         method. None or 0: it is what it was said to be.
     grouping : "cell", "label"
     information : (n_trials, n_nodes, d, d), optional
-        Inverse covariance of the measured displacements (1/length²).
+        Inverse covariance of the measured displacements (1/length²). It says that they come from
+        images: a node's errors in two trials are then correlated by ½, as the rest image is one.
     noise : float, optional
         Standard deviation of a displacement component; estimated when not given.
     refine : int, optional
