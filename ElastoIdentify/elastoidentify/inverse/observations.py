@@ -12,7 +12,7 @@ ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
 MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
 SHARED = 0.5
 """Correlation of a node's errors in two trials that were registered to one rest image: that image's
-noise is half of the variance of each. Measured on image phantoms: 0.47 to 0.61 (docs/registration.md)."""
+noise is half of the variance of each. Image phantoms show 0.47 to 0.61 (docs/registration.md)."""
 
 
 class DisplacementNoise:
