@@ -112,7 +112,11 @@ def test_with_the_stretch_found_the_model_fits_again():
     assert without.report["verdict"]["level"] == "do not trust"
     assert sought.report["model_misfit"]["share"] < 0.1
     assert sought.report["verdict"]["noise_factor"] < 1.2
-    assert (np.abs(np.log(sought.young / body.young)) > np.log(1.25)).mean() < 0.05
+    wrong, right = (
+        (np.abs(np.log(one.young / body.young)) > np.log(1.25)).mean() for one in (without, sought)
+    )
+    print(f"more than 25 % wrong: {right:.1%} of the cells, without the stretch {wrong:.0%}")
+    assert right < 0.08 and right < wrong / 3
 
 
 def test_a_stretch_that_the_data_do_not_tell_is_said():

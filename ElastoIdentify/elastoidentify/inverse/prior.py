@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from ..fem.mesh import Mesh
 from .parameterization import LogParameters
@@ -100,7 +101,8 @@ class TotalVariation:
         self.field = np.repeat(np.arange(self.n_fields), m)
         self.pairs, self.n_groups = pairs, n  # (m, 2) groups on either side
         self.sharpening = None  # exponent of the sharpened map, to be set
-        self.released = np.zeros(len(self.size), bool)  # differences that it leaves alone
+        self.edges = np.zeros(len(self.size), bool)  # sides between regions, once they are found
+        self.once = np.ones(len(self.size))  # part of a side in the boundary that it belongs to
         self.weights, self.field_weight = np.zeros(len(self.size)), np.zeros(self.n_fields)
 
     def __len__(self) -> int:
@@ -126,7 +128,27 @@ class TotalVariation:
         if samples is not None:
             exponent, variance = REWEIGHTING, self._variance(samples)
         jump = (self.difference @ x) ** 2 + variance + SMOOTHING**2
-        self.weights = np.where(self.released, 0.0, exponent * self.size / jump)
+        self.weights = exponent * self.size * self.once / jump
+
+    def find_regions(self, x, jump: float):
+        """Take each boundary between two regions of the map for one jump from now on.
+
+        Regions hang together by sides where x jumps by less than `jump`. All sides of a boundary
+        show the same jump: counted one by one, they would pull it down as often.
+        """
+        self.edges = np.abs(self.difference @ x) > jump
+        self.once = np.ones(len(self.size))
+        for field in range(self.n_fields):
+            here = np.flatnonzero(self.field == field)
+            within, between = here[~self.edges[here]], here[self.edges[here]]
+            first = here[0] if len(here) else 0
+            one, other = self.pairs[within - first].T
+            links = sp.coo_matrix((np.ones(len(one)), (one, other)), (self.n_groups,) * 2)
+            region = connected_components(links, directed=False)[1]
+            sides = np.sort(region[self.pairs[between - first]], axis=1)
+            _, boundary = np.unique(sides, axis=0, return_inverse=True)
+            boundary = boundary.ravel()
+            self.once[between] = 1 / np.bincount(boundary, self.size[between])[boundary]
 
     def hessian(self):
         return self.difference.T @ sp.diags(self.weights) @ self.difference

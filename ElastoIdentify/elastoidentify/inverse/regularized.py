@@ -333,7 +333,7 @@ class _Fit:
 
     def _edges(self):
         """Pairs of cells at edges of the map that no label follows, (k, 2)."""
-        found = self.variation.released.reshape(self.variation.n_fields, -1).any(axis=0)
+        found = self.variation.edges.reshape(self.variation.n_fields, -1).any(axis=0)
         pairs = np.flatnonzero(~self.problem.unknowns.known)[self.variation.pairs[found]]
         labels = self.problem.labels
         if labels is None:

@@ -36,7 +36,7 @@ UNSHARPENED = 0.0
 DRAWS, MANY = 2, 3_000  # of added noise; parameters from which one does, as chance averages out
 WARY = 3.5  # charge for a degree of freedom, chosen on the bodies that docs/theory.md names
 LIMIT = 50_000  # free degrees of freedom beyond which fitting anew costs too much
-EDGE, REFITS = 0.1, 4  # jump of a log-modulus that is an edge; steps without a pull across edges
+EDGE, REFITS = 0.1, 4  # jump of a log-modulus that is an edge; steps with each boundary one jump
 
 
 @dataclass(frozen=True)
@@ -185,13 +185,13 @@ def _sharpened(fit, exponent, settled=SETTLED) -> Map:
 
 
 def _refitted(fit, kept: Map) -> Map:
-    """Fit the regions of a sharpened map once more, with no pull across the edges found.
+    """Fit the regions of a sharpened map once more, each boundary between two as one jump.
 
-    The force of the reweighted prior on a region is e Σ s_ij / jump: it falls off so slowly that
-    it takes a tenth of a weak lesion's contrast.
+    The force of the reweighted prior across a boundary is e / jump per side: all sides together
+    take a tenth of a weak lesion's contrast.
     """
     fit.variation.sharpening = kept.exponent
-    fit.variation.released = np.abs(fit.variation.difference @ fit.x) > EDGE
+    fit.variation.find_regions(fit.x, EDGE)
     for _ in range(REFITS):
         fit.prior.reweighted(fit.x, None)
         fit.factorise()
