@@ -82,14 +82,14 @@ class TotalVariation:
         unknowns = parameters.unknowns
         n, self.n_fields = unknowns.n_groups, unknowns.per_group
         pairs, sizes = mesh.interfaces
+        apart = np.zeros(len(pairs), bool)
         if labels is not None:
-            same = labels[pairs[:, 0]] == labels[pairs[:, 1]]
-            pairs, sizes = pairs[same], sizes[same]
+            apart = labels[pairs[:, 0]] != labels[pairs[:, 1]]
         pairs = unknowns.group[pairs]
         inside = (pairs >= 0).all(axis=1)
         # labels are few and well determined: a prior between them would only bias their contrast
         inside &= unknowns.per_cell
-        pairs, sizes = pairs[inside], sizes[inside]
+        pairs, sizes, apart = pairs[inside], sizes[inside], apart[inside]
         m = len(pairs)
         rows = np.tile(np.arange(m), 2)
         signs = np.repeat([1.0, -1.0], m)
@@ -99,6 +99,9 @@ class TotalVariation:
         self.difference = sp.hstack([fields, beside], format="csr")
         self.size = np.tile(sizes / (sizes.mean() if m else 1.0), self.n_fields)
         self.field = np.repeat(np.arange(self.n_fields), m)
+        # labels differ in stiffness; the ratio λ/μ, which the data hardly show, is alike
+        self.apart = np.tile(apart, self.n_fields) & (self.field == 0)
+        self.size[self.apart] = 0.0
         self.pairs, self.n_groups = pairs, n  # (m, 2) groups on either side
         self.sharpening = None  # exponent of the sharpened map, to be set
         self.edges = np.zeros(len(self.size), bool)  # sides between regions, once they are found
@@ -140,8 +143,9 @@ class TotalVariation:
         self.once = np.ones(len(self.size))
         for field in range(self.n_fields):
             here = np.flatnonzero(self.field == field)
+            here = here[~self.apart[here]]
             within, between = here[~self.edges[here]], here[self.edges[here]]
-            first = here[0] if len(here) else 0
+            first = field * len(self.pairs)
             one, other = self.pairs[within - first].T
             links = sp.coo_matrix((np.ones(len(one)), (one, other)), (self.n_groups,) * 2)
             region = connected_components(links, directed=False)[1]
