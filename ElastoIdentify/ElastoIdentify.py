@@ -477,7 +477,13 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         target = self._askTarget(kind)
         if not target:
             return
-        with slicer.util.tryWithErrorDisplay(_("The map could not be written."), waitCursor=True):
+        from ElastoIdentifyLib.translation import refused_in_users_language
+
+        failed = _("The map could not be written.")
+        with (
+            slicer.util.tryWithErrorDisplay(failed, waitCursor=True),
+            refused_in_users_language(),
+        ):
             files = self.logic.export(self._parameterNode.resultModel, kind, target)
             text = _("Wrote {number} files: {names}")
             names = ", ".join(file.name for file in files)
@@ -516,7 +522,13 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.cancelRun()
             self._status(_("Cancelled; the scene is as it was."))
             return
-        with slicer.util.tryWithErrorDisplay(_("The map could not be computed."), waitCursor=True):
+        from ElastoIdentifyLib.translation import refused_in_users_language
+
+        failed = _("The map could not be computed.")
+        with (
+            slicer.util.tryWithErrorDisplay(failed, waitCursor=True),
+            refused_in_users_language(),
+        ):
             if not self._parameterNode.useTransforms:
                 self.logic.ensurePackages()
             self.run = self.logic.start(self.logic.request(self._parameterNode))
@@ -532,16 +544,18 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.timer.stop()
             return
         from elastoidentify.workers.job import State
+        from ElastoIdentifyLib.translation import refused_in_users_language, translated
 
         if self._poll() is State.RUNNING:
             self.ui.progressBar.value = round(100 * self.run.fraction)
-            self._status(self.run.text)
+            self._status(translated(self.run.text))
             return
         run, self.run = self.run, None
         self._endRun()
         with slicer.util.tryWithErrorDisplay(_("The map could not be computed.")):
             try:
-                self._finish(run)
+                with refused_in_users_language():
+                    self._finish(run)
             except Exception as problem:
                 self._status(str(problem))
                 raise
@@ -748,11 +762,12 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         """Say what :meth:`report` says, of the model of a result."""
         from elastoidentify.results import Status
         from elastoidentify.vtk_io.arrays import read_report
+        from ElastoIdentifyLib.translation import translated
 
         report = read_report(model.GetMesh(), "identification")
         status = slicer.util.arrayFromModelCellData(model, "Status")
         # Maps that were saved long ago have none.
-        verdict = [_(report["verdict"]["sentence"])] if "verdict" in report else []
+        verdict = [translated(report["verdict"]["sentence"])] if "verdict" in report else []
         found = _(
             "{found} of {cells} cells identified, {open} not determined (method {method})."
         ).format(
@@ -761,7 +776,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
             open=int((status == Status.NOT_DETERMINED).sum()),
             method=report.get("method", "?"),
         )
-        warnings = [_(warning) for warning in report.get("warnings", [])]
+        warnings = map(translated, report.get("warnings", []))
         return " ".join([*verdict, found, *warnings])
 
     @staticmethod

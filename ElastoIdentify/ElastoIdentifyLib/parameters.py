@@ -9,6 +9,8 @@ from elastoidentify.study import STEPS
 from slicer.parameterNodeWrapper import Choice as OneOf
 from slicer.parameterNodeWrapper import WithinRange
 
+from .translation import translated
+
 OF_NODES = ("known_materials", "rigid_labels", "reaction_boxes", "slice_axis", "sliding_boxes")
 """Options that Slicer gives otherwise: materials by segment, boxes by ROIs, the slice by a view."""
 
@@ -134,7 +136,7 @@ def add_widgets(layout, ui, tr) -> dict:
         widget = _widget(option, tr)
         widget.objectName = f"{field(name)}Option"
         widget.setProperty("SlicerParameterName", field(name))
-        widget.toolTip = tr(option.__doc__)
+        widget.toolTip = translated(option.__doc__)
         layout.addRow(f"{tr(label(option))}:", widget)
         made[widget.objectName] = widget
     return made
