@@ -12,7 +12,7 @@ from elastoidentify.filters import (
 )
 from elastoidentify.imaging.image import Image
 from elastoidentify.options import Rows
-from elastoidentify.paraview import panel
+from elastoidentify.paraview import box, panel
 from elastoidentify.study import (
     IdentificationOptions,
     MeshOptions,
@@ -125,6 +125,24 @@ def test_the_images_of_all_ports_arrive(monkeypatch):
     chosen = seen.value.arguments[0]
     first = [image.array.flat[0] for image in (chosen.rest, *chosen.pushed, chosen.mask)]
     assert first == [0, 1, 1]
+
+
+@pytest.mark.parametrize("kind", ["reaction", "sliding"])
+def test_the_box_in_paraviews_view_is_one_more_of_its_kind(kind, monkeypatch):
+    monkeypatch.setattr("elastoidentify.pipeline.make_mesh", stop)
+    first = (0.0, 9.0, 0.0, 9.0, 0.0, 9.0)
+    made = box.SegmentationToTriangleMesh(
+        reaction_boxes=[first], sliding_boxes=[first], box_in_view=kind
+    )
+    made.SetInputData(image_to_vtk(Image(np.arange(60).reshape(3, 4, 5))))
+    made.SetBoxCorner(1, 2, 3)
+    made.SetBoxSize(10, -5, 0)  # a face drawn through the opposite one
+    with pytest.raises(Arrived) as seen:
+        made.Update()
+    found = seen.value.arguments[0]
+    boxes = {"reaction": found.reaction_boxes, "sliding": found.sliding_boxes}
+    assert boxes.pop(kind) == (first, (1.0, 11.0, -3.0, 2.0, 3.0, 3.0))
+    assert list(boxes.values()) == [(first,)]
 
 
 @pytest.mark.parametrize(("table", "option"), scalar_options(), ids=option_id)

@@ -185,6 +185,41 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
     assert not shown, text
 
 
+BOX = f"{FORM}/InteractiveBox"
+
+
+def test_a_box_in_the_view_is_one_more_reaction_box(tmp_path, display):
+    """A block that touches nothing but the box, and the box typed into ParaView's own widget."""
+    labels = np.zeros((1, 20, 20), np.uint8)
+    labels[0, 4:16, 4:16] = 2
+    pytest.importorskip("SimpleITK", reason="needs SimpleITK: pip install SimpleITK")
+    from elastoidentify.imaging.image import Image
+    from elastoidentify.imaging.io import write_image
+
+    write_image(tmp_path / "segmentation.nrrd", Image(labels))
+    (tmp_path / "open.py").write_text(
+        "from paraview.simple import *\n"
+        f"block = ElastoIdentifyImage(FileNames=[{str(tmp_path / 'segmentation.nrrd')!r}], "
+        "Kind='segmentation')\nShow(block)\nResetCamera()\nSetActiveSource(block)\n"
+    )
+    ends = {"translateX": 0, "translateY": 15, "translateZ": -1}
+    ends |= {"scaleX": 20, "scaleY": 2, "scaleZ": 2}
+    steps = [
+        *menu("menuFilters", "SegmentationToTriangleMesh"),
+        event(f"{FORM}/EdgeLength/DoubleLineEdit0", "set_string", "3"),
+        apply(),
+        check(f"{INFORMATION}/dataArraysTable", "modelItemData", "1.2,[0, 0]"),
+        event(f"{FORM}/BoxInView/ComboBox", "set_string", "reaction"),
+        *(event(f"{BOX}/{name}", "set_string", value) for name, value in ends.items()),
+        apply(),
+        check(f"{INFORMATION}/dataArraysTable", "modelItemData", "1.2,[0, 1]"),
+    ]
+    folder = os.environ.get("ELASTOIDENTIFY_PICTURES")
+    picture = folder and Path(folder) / "paraview-box.png"
+    good, text = play(tmp_path, display, steps, picture, [f"--script={tmp_path / 'open.py'}"])
+    assert good, text
+
+
 @pytest.mark.slow
 def test_the_abort_button_ends_a_run_and_leaves_the_application_usable(tmp_path, display):
     """From ParaView 6.1 on: the red cross beside the progress bar, clicked with the mouse."""

@@ -24,7 +24,7 @@ from paraview.util.vtkAlgorithm import smhint, smproperty, smproxy
 
 from elastoidentify import filters
 from elastoidentify.filters.reading import SUFFIXES
-from elastoidentify.paraview import display, failures, legends, panel, stopping, writers
+from elastoidentify.paraview import box, display, failures, legends, panel, stopping, writers
 from elastoidentify.vtk_io.arrays import label_table
 
 paraview_plugin_name = "ElastoIdentify"
@@ -91,32 +91,37 @@ class ElastoIdentifyDicomFolder(filters.ImageFile):  # a reader of folders opens
 )
 @in_menu
 @form(
-    panel.documentation(filters.SegmentationToTriangleMesh),
+    panel.documentation(box.SegmentationToTriangleMesh),
     panel.inputs(
-        filters.SegmentationToTriangleMesh,
+        box.SegmentationToTriangleMesh,
         {
             "segmentation": '<InputArrayDomain name="labels" attribute_type="point" '
             'number_of_components="1"/>'
         },
     ),
     panel.settings(
-        filters.SegmentationToTriangleMesh,
+        box.SegmentationToTriangleMesh,
         {
             "label_array": panel.array_name(
-                filters.SegmentationToTriangleMesh.label_array, "Input", "labels"
+                box.SegmentationToTriangleMesh.label_array, "Input", "labels"
             ),
             "rigid_labels": panel.array_selection(
                 "RigidLabels",
                 "GetRigidLabelSelection",
-                filters.SegmentationToTriangleMesh.rigid_labels.__doc__,
+                box.SegmentationToTriangleMesh.rigid_labels.__doc__,
                 icon="cell",
             ),
         },
     ),
+    panel.box_widget(
+        box.SegmentationToTriangleMesh.box_corner,
+        box.SegmentationToTriangleMesh.box_size,
+        panel.shown_if("BoxInView", "none", inverse=True),
+    ),
     panel.last_error(),
 )
-class SegmentationToTriangleMesh(filters.SegmentationToTriangleMesh):
-    __doc__ = filters.SegmentationToTriangleMesh.__doc__
+class SegmentationToTriangleMesh(box.SegmentationToTriangleMesh):
+    __doc__ = box.SegmentationToTriangleMesh.__doc__
 
 
 @smproxy.filter(

@@ -141,6 +141,20 @@ def opens(description: str, *, extensions: Sequence[str] = (), folders: bool = F
     return f'<ReaderFactory file_description="{description}" {what}/>'
 
 
+def box_widget(corner: Vector, size: Vector, hints: str) -> str:
+    """Return the group that lets a box be drawn with the mouse.
+
+    With position and scale alone, and no input, ParaView's widget is relative to the unit box: they
+    are the box's first corner and the lengths of its edges.
+    """
+    return f"""
+    <PropertyGroup label="Box" panel_widget="InteractiveBox">
+      <Property function="Position" name="{corner.title}"/>
+      <Property function="Scale" name="{size.title}"/>
+      {_hints(hints)}
+    </PropertyGroup>"""
+
+
 def last_error() -> str:
     """Return the property by which a script on a client reads the last failure."""
     return """

@@ -56,6 +56,9 @@ SETTINGS = {
     "SegmentationToTriangleMesh": settings(
         MeshOptions,
         LabelArray="Labels",
+        BoxInView="sliding",
+        BoxCorner=[1.0, 2.0, 3.0],
+        BoxSize=[4.0, 5.0, 6.0],
         RigidLabels=["4"],
         ReactionBoxes=[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
     ),
