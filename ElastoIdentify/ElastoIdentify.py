@@ -259,15 +259,15 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._suggest()
 
     def _suggest(self):
-        """Choose the first volume and the first segmentation where none is chosen."""
+        """Choose a rest volume and a segmentation where none is chosen."""
         if self._parameterNode is None:
             return
-        from ElastoIdentifyLib.request import first_of_class
+        from ElastoIdentifyLib.request import suggested_rest, suggested_segmentation
 
         if self._parameterNode.restVolume is None:
-            self._parameterNode.restVolume = first_of_class("vtkMRMLScalarVolumeNode")
+            self._parameterNode.restVolume = suggested_rest()
         if self._parameterNode.segmentation is None:
-            self._parameterNode.segmentation = first_of_class("vtkMRMLSegmentationNode")
+            self._parameterNode.segmentation = suggested_segmentation()
 
     def setParameterNode(self, parameterNode):
         self._disconnectGui()
@@ -604,6 +604,10 @@ def _header(unit=""):
     return [_("Segment"), _("Role"), f"E ({unit})" if unit else "E", "ν"]
 
 
+def _asSentence(text):
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
 def _swatch(colour):
     """Return a square in the colour of a segment."""
     pixmap = qt.QPixmap(16, 16)
@@ -776,7 +780,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
             open=int((status == Status.NOT_DETERMINED).sum()),
             method=report.get("method", "?"),
         )
-        warnings = map(translated, report.get("warnings", []))
+        warnings = [_asSentence(translated(one)) for one in report.get("warnings", [])]
         return " ".join([*verdict, found, *warnings])
 
     @staticmethod

@@ -1,6 +1,7 @@
 """What the user asked for, what is missing in it, and the study that follows."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -253,7 +254,21 @@ def _at(image, axis: str, index: int):
     return image if axis == "none" else slice_of_image(image, "ijk".index(axis), index)
 
 
-def first_of_class(name: str):
-    """Return the first node of just this class that the user can see, or None."""
-    nodes = [node for node in slicer.util.getNodesByClass(name) if node.GetClassName() == name]
-    return next((node for node in nodes if not node.GetHideFromEditors()), None)
+def suggested_rest():
+    """Return the volume that is called rest, else the first that is not called pushed, or None."""
+    volumes = {node: node.GetName().lower() for node in _visible("vtkMRMLScalarVolumeNode")}
+    called = [node for node, name in volumes.items() if re.search(r"(?<![a-z])rest(?![a-z])", name)]
+    others = [node for node, name in volumes.items() if "push" not in name]
+    return next(iter(called + others), None)
+
+
+def suggested_segmentation():
+    """Return the first segmentation, or None."""
+    return next(iter(_visible("vtkMRMLSegmentationNode")), None)
+
+
+def _visible(class_name: str) -> list:
+    """Return the nodes of just this class that the user can see."""
+    nodes = slicer.util.getNodesByClass(class_name)
+    nodes = [node for node in nodes if node.GetClassName() == class_name]
+    return [node for node in nodes if not node.GetHideFromEditors()]

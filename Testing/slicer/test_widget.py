@@ -434,6 +434,19 @@ def test_what_is_loaded_while_the_panel_is_open_is_suggested(panel):
     assert panel.ui.applyButton.text == "Apply: choose pushed volumes"
 
 
+def test_the_rest_volume_is_suggested_by_its_name_and_a_pushed_one_never(panel):
+    volumes = {}
+    for name, suggested in (
+        ("Breast pushed 1", None),
+        ("Breast T2", "Breast T2"),
+        ("case1_rest", "case1_rest"),
+    ):
+        volumes[name] = slicer.util.addVolumeFromArray(np.ones((1, 4, 4)), name=name)
+        panel._parameterNode.restVolume = None
+        QtWidgets.QApplication.processEvents()
+        assert panel._parameterNode.restVolume is volumes.get(suggested)
+
+
 def test_two_scenes_one_after_another(panel):
     fill(panel)
     slicer.mrmlScene.Clear(0)
