@@ -57,7 +57,7 @@ def make_pictures(folder: Path, small: bool = False) -> list[Path]:
         for name, view in (("slicer-slice-view", flat), ("slicer-3d-view", space)):
             made.append(folder / f"{name}.png")
             view.save(made[-1])
-    QtWidgets.QWidget.resize(widget.parent, 440, 1050)
+    QtWidgets.QWidget.resize(widget.parent, 440, 1110)
     QtWidgets.QWidget.show(widget.parent)
     for _ in range(5):
         QtWidgets.QApplication.processEvents()
