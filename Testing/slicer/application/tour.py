@@ -494,7 +494,10 @@ def save_scene():
     yield until("the scene's file", lambda: slicer.app.activeModalWidget() is None, 120)
     made = sorted(set(OUTPUT.glob("*.mrb")) - before)
     check("the scene is saved", len(made) == 1, [path.stat().st_size for path in made])
-    made[0].rename(OUTPUT / "map.mrb")
+    if made:
+        made[0].rename(OUTPUT / "map.mrb")
+    else:
+        slicer.util.saveScene(str(OUTPUT / "map.mrb"))
 
 
 def close_scene():
