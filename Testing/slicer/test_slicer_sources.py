@@ -198,7 +198,7 @@ def sample_data(monkeypatch):
     del slicer.modules.sampleDataSources
 
 
-def test_the_sample_data_module_has_our_button_and_a_click_makes_the_nodes(
+def test_the_sample_data_module_has_our_buttons_and_a_click_makes_the_nodes(
     loaded_module, sample_data, monkeypatch
 ):
     import ctk
@@ -206,7 +206,7 @@ def test_the_sample_data_module_has_our_button_and_a_click_makes_the_nodes(
     ((signal, slot),) = slicer.app.startup
     assert signal == "startupCompleted()"
     slot()
-    slot()  # a reloaded module registers again: one button all the same
+    slot()  # a reloaded module registers again: as many buttons all the same
     monkeypatch.setattr(ctk, "ctkCollapsibleGroupBox", widgets.widget_base("QGroupBox"))
     monkeypatch.setattr(ctk, "ctkFlowLayout", FlowLayout, raising=False)
     window = types.SimpleNamespace(iconSize=QtCore.QSize(16, 16), statusBar=lambda: None)
@@ -218,10 +218,10 @@ def test_the_sample_data_module_has_our_button_and_a_click_makes_the_nodes(
         {"ElastoIdentify": slicer.modules.sampleDataSources["ElastoIdentify"]},
         logic,
     )
-    (button,) = panel.findChildren(QtWidgets.QToolButton)
-    assert button.text == module.SAMPLE
-    assert not QtWidgets.QToolButton.icon(button).isNull()
-    QtWidgets.QToolButton.click(button)
+    buttons = {button.text: button for button in panel.findChildren(QtWidgets.QToolButton)}
+    assert sorted(buttons) == sorted([module.SAMPLE, module.SAMPLE_3D])
+    assert not any(QtWidgets.QToolButton.icon(button).isNull() for button in buttons.values())
+    QtWidgets.QToolButton.click(buttons[module.SAMPLE])
     names = [node.GetName() for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode")]
     assert names == ["Phantom rest", "Phantom pushed 1", "Phantom pushed 2"]
     (segmentation,) = slicer.util.getNodesByClass("vtkMRMLSegmentationNode")
