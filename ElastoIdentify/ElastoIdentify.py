@@ -764,6 +764,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     @staticmethod
     def reportOf(model):
         """Say what :meth:`report` says, of the model of a result."""
+        from elastoidentify.report.sentences import verdict_line
         from elastoidentify.results import Status
         from elastoidentify.vtk_io.arrays import read_report
         from ElastoIdentifyLib.translation import translated
@@ -771,7 +772,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         report = read_report(model.GetMesh(), "identification")
         status = slicer.util.arrayFromModelCellData(model, "Status")
         # Maps that were saved long ago have none.
-        verdict = [translated(report["verdict"]["sentence"])] if "verdict" in report else []
+        verdict = [translated(verdict_line(report))] if "verdict" in report else []
         found = _(
             "{found} of {cells} cells identified, {open} not determined (method {method})."
         ).format(

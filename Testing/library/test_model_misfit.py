@@ -6,6 +6,7 @@ from elastoidentify import identify
 from elastoidentify.fem.forward import box_mesh, square_mesh
 from elastoidentify.fem.mesh import make_mesh
 from elastoidentify.inverse.model_misfit import FLAGGED, stress_measure
+from elastoidentify.report.sentences import report_lines
 from elastoidentify.results import QUANTITIES
 
 pytest.importorskip("skfem")
@@ -104,4 +105,5 @@ def test_methods_that_cannot_tell_say_nothing():
     body = broken.body(n=12)
     result = found(body, method="global", information=None, displacements=body.displacements)
     assert np.isnan(result.model_misfit).all()
+    assert any("not looked at (the regularized" in line for line in report_lines(result.report))
     assert QUANTITIES["ModelMisfit"].field == "model_misfit"

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..imaging.image import Image
 from ..imaging.io import check_outputs, write_whole
-from ..report.sentences import provenance_lines, report_lines
+from ..report.sentences import provenance_lines, report_lines, verdict_line
 from ..report.table import ROUND_OFF
 from ..report.terminal import figure
 from ..results import is_found
@@ -147,7 +147,7 @@ def verdict(result: CellMap, warnings: Sequence[str] = ()) -> str:
     """Return the sentence on top: the report's own verdict, else how much was found."""
     said = result.report.get("verdict")
     if said:
-        return said["sentence"]
+        return verdict_line(result.report, result.length_unit)
     found, count = int(is_found(result.status).sum()), len(result.status)
     trouble = f"; {len(warnings)} warning{'s' * (len(warnings) > 1)} below" if warnings else ""
     return f"{found} of {count} cells have a value ({100 * found / count:.0f} %){trouble}."

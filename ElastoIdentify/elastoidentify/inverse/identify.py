@@ -219,6 +219,7 @@ def identify(
         "model_misfit": estimate.misfit and summary(
             problem.mesh, frame.centres(points), problem.unknowns.known, estimate.misfit
         ),
+        "model_misfit_missing": _why_no_misfit(estimate),
     }  # fmt: skip
     result.report["verdict"] = judge(
         result.report, problem.noise.information is not None, one_direction(problem.displacements)
@@ -661,6 +662,15 @@ def _found_warnings(status, known, typical):
             "(Status 3): noise, or kinematics that do not fit the push"
         )
     return warnings
+
+
+def _why_no_misfit(estimate):
+    """Say why nothing tells where the model does not fit, "" where something does."""
+    if estimate.misfit is not None:
+        return ""
+    if estimate.report["method"] != "regularized":
+        return "the regularized method alone can tell"
+    return "in volumes it would take the covariance of the forces of all nodes"
 
 
 def _residuals(problem, estimate):

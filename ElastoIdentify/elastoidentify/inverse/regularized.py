@@ -30,6 +30,7 @@ from .prior import Prior, TotalVariation, anchor
 from .problem import Estimate, Problem
 from .ratio_checks import ratio_checks
 from .sharpening import UNSHARPENED, rule, sharpen
+from .structure import found_structure
 from .visibility import smallest_visible
 
 VARIATIONAL_STEPS, POSTERIOR_STEPS = 20, 2
@@ -187,6 +188,7 @@ class _Fit:
         self.at = (0.985, "regularized: Poisson's ratios that were given")
         self.checks = ratio_checks(self)
         self._model_misfit()
+        self._structure()
         self._visibility()
         return self._estimate()
 
@@ -262,6 +264,18 @@ class _Fit:
             self.at = (0.99, "regularized: where the model does not fit")
             self.unexplained = model_misfit(self, stated)
 
+    def _structure(self):
+        """Tell whether a map of cells shows anything but noise."""
+        self.structure, problem = None, self.problem
+        unknowns, unknown = problem.unknowns, ~problem.unknowns.known
+        if unknowns.per_cell:
+            self.at = (0.99, "regularized: what stands out of the noise")
+            labels = np.zeros(unknown.sum()) if problem.labels is None else problem.labels[unknown]
+            self.structure = found_structure(
+                self.state, self.misfit, self.scale * self._modesty, unknowns.per_group, labels,
+                problem.mesh.dim, problem.noise.information is not None, self.bias, self.tell,
+            )  # fmt: skip
+
     def _visibility(self):
         """Find how small a lesion could be that a map of cells would show."""
         self.visible, unknowns, mesh = None, self.problem.unknowns, self.problem.mesh
@@ -274,12 +288,15 @@ class _Fit:
                 place, self.tell,
             )  # fmt: skip
 
+    @property
+    def _modesty(self):
+        """Factor of the noise found: a fit may find the information given too modest, but not call
+        the map better for it."""
+        return 1.0 if self.problem.noise.information is None else max(1.0, 1.0 / self.scale)
+
     def _sampled(self):
         """Samples of the error of x that the measurements leave."""
-        if self.problem.noise.information is None:
-            return self.samples[0]
-        # a fit may find the information too modest, but not call the map better for it
-        return self.samples[0] * max(1.0, 1.0 / self.scale)
+        return self.samples[0] * self._modesty
 
     def _shifted(self, slope, values):
         """The cells' own error of μ, relative to it, and the warning that it calls for."""
@@ -313,6 +330,7 @@ class _Fit:
             "prior_rule": rule(self.kept),
             "element": self.forward.element,
             "mesh_shift": shift,
+            "structure": self.structure,
             "smallest_visible": self.visible,
             "refine": self.refine,
             "factorisation": self.forward.factoriser.name,

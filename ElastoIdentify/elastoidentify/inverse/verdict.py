@@ -29,7 +29,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     ----------
     report : dict
         Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
-        typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit.
+        typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit, structure,
+        smallest_visible.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -40,7 +41,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     dict
         ``level`` (one of "trust", "trust with care", "do not trust"), ``sentence`` for a
         radiologist, ``reasons`` (list of sentences), ``noise_factor`` (found over stated noise, or
-        None where nothing was stated).
+        None where nothing was stated), ``nothing_found`` (the sentence that says that a map of
+        cells shows nothing but noise, "" where it shows more, or is none of cells).
     """
     bad, doubtful = [], []
     factor = noise_factor(report, informed)
@@ -92,7 +94,27 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
         doubtful.append("the mesh was cut")
     if report["lost_trials"]:
         doubtful.append("a trial was left out")
-    return _said(bad, doubtful, factor)
+    nothing, seen = _nothing(report.get("structure")), report.get("smallest_visible")
+    if nothing and seen and seen["typical"] is None:
+        doubtful.append("it would hardly show a lesion, of whatever size")
+    return _said(bad, doubtful, factor, nothing)
+
+
+def _nothing(structure: dict | None) -> str:
+    """Say that a map of cells shows nothing but noise, "" where it shows more or nothing tells."""
+    if not structure:
+        return ""
+    if structure["apart"] < structure["noise"]:
+        return (
+            "Nothing but noise was found: the tissue is equally stiff everywhere, as far as these "
+            "images tell."
+        )
+    if structure["within"] is not None and structure["within"] < structure["noise"]:
+        return (
+            "Within the labels nothing but noise was found: they differ from each other, and each "
+            "is equally stiff everywhere, as far as these images tell."
+        )
+    return ""
 
 
 def _where(local) -> str:
@@ -119,7 +141,7 @@ def one_direction(displacements: np.ndarray) -> bool:
     return len(flat) < 2 or bool(np.linalg.svd(flat, compute_uv=False)[1] < SAME_DIRECTION)
 
 
-def _said(bad, doubtful, factor) -> dict:
+def _said(bad, doubtful, factor, nothing) -> dict:
     level = DISTRUST if bad else CARE if doubtful else TRUST
     start = {
         TRUST: "Trust this map, each value within its stated error",
@@ -128,4 +150,10 @@ def _said(bad, doubtful, factor) -> dict:
     }[level]
     reasons = bad + doubtful
     sentence = f"{start}: {'; '.join(reasons)}." if reasons else f"{start}."
-    return {"level": level, "sentence": sentence, "reasons": reasons, "noise_factor": factor}
+    return {
+        "level": level,
+        "sentence": f"{sentence} {nothing}".strip(),
+        "reasons": reasons,
+        "noise_factor": factor,
+        "nothing_found": nothing,
+    }

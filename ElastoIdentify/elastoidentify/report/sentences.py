@@ -1,5 +1,6 @@
 """Reports as lines for people."""
 
+from ..inverse.verdict import DISTRUST
 from .terminal import figure, seconds
 
 
@@ -14,7 +15,7 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
     length : str
         Unit of the displacements.
     """
-    lines = [report["verdict"]["sentence"]] if "verdict" in report else []
+    lines = [verdict_line(report, length)] if "verdict" in report else []
     lines += [
         f"method: {report.get('method')}, {report.get('kinematics')}, "
         f"{_count(report.get('trials'), 'trial')}, unknowns {report.get('unknowns')} per "
@@ -39,9 +40,31 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
         )
     if report.get("misfit") is not None:
         lines.append(f"misfit: {figure(report['misfit'])} (1: as large as the noise)")
-    if report.get("smallest_visible"):
+    if report.get("model_misfit_missing"):
+        lines.append(
+            f"where the model does not fit: not looked at ({report['model_misfit_missing']}; "
+            "ModelMisfit is NaN)"
+        )
+    if report.get("smallest_visible") and not _said_before(report):
         lines.append(visible_line(report["smallest_visible"], length))
     return lines
+
+
+def verdict_line(report: dict, length: str = "mm") -> str:
+    """Return the verdict; of a map that shows nothing, with what it would have shown."""
+    sentence = report["verdict"]["sentence"]
+    if not _said_before(report):
+        return sentence
+    seen = visible_line(report["smallest_visible"], length)
+    return f"{sentence} {seen[0].upper()}{seen[1:]}."
+
+
+def _said_before(report):
+    """Tell whether the verdict says what could be seen."""
+    said = report.get("verdict", {})
+    return bool(
+        said.get("nothing_found") and said["level"] != DISTRUST and report.get("smallest_visible")
+    )
 
 
 def visible_line(seen: dict, length: str) -> str:
