@@ -246,6 +246,13 @@ class Equilibrium:
             raise self._diverged() from failed
 
     def _diverged(self):
+        inverted = self.problem.inverted
+        if inverted is not None and inverted.any():
+            return InputError(
+                f"the {self.law.name} fit does not converge: the displacements turn "
+                f"{inverted.sum()} of {len(inverted)} cells inside out; the registration was lost, "
+                "so check it, or take small-strain kinematics to see where"
+            )
         return InputError(
             f"the {self.law.name} fit does not converge: a cell inverts; push less, use a coarser "
             "mesh or fewer sub-cells (refine), or check the registration"

@@ -48,7 +48,7 @@ class Inverted:
         for trial, cells, nodes, off in zip(trials, self.cells, self.nodes, self.off, strict=True):
             if not cells.any():
                 continue
-            one, names = cells.sum() == 1, _named(np.flatnonzero(cells))
+            one, names = cells.sum() == 1, named(np.flatnonzero(cells))
             said.append(
                 f"the displacements of trial {trial} turn {cells.sum()} of {len(cells)} cells "
                 f"inside out, which no body does: cell{'' if one else 's'} {names}, where they are "
@@ -59,7 +59,8 @@ class Inverted:
         return said
 
 
-def _named(numbers) -> str:
+def named(numbers: np.ndarray) -> str:
+    """Return the first of some numbers for a sentence, and how many more there are."""
     names = ", ".join(map(str, numbers[:NAMED]))
     return names if len(numbers) <= NAMED else f"{names} and {len(numbers) - NAMED} more"
 

@@ -7,6 +7,7 @@ from ..fem.elastic_constants import NEGLIGIBLE_LAMBDA
 from ..linalg.front_qr import FrontQR
 from ..progress import Progress, part
 from .balance_system import BalanceSystem
+from .inverted import named
 from .observations import propagate
 from .problem import Estimate, Problem, estimate_from_theta
 from .sequential import plan_walk
@@ -27,8 +28,9 @@ def _system(problem: Problem) -> BalanceSystem:
     )  # fmt: skip
     if not (np.isfinite(system.A.data).all() and np.isfinite(system.b).all()):
         raise Folded(
-            f"the displacements turn cells inside out, where the {problem.law.name} law has no "
-            "stress: take method 'regularized', or check the registration"
+            f"the displacements turn cells inside out ({named(np.flatnonzero(problem.inverted))}), "
+            f"where the {problem.law.name} law has no stress: take method 'regularized', or check "
+            "the registration"
         )
     return system
 
