@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bodies import floor_and_top, push_from_above, scattered_triangles
 from elastoidentify.errors import InputError
-from elastoidentify.fem.forward import square_mesh
+from elastoidentify.fem.forward import box_mesh, square_mesh
 from elastoidentify.results import Status
 
 NAN, INF = np.nan, np.inf
@@ -85,6 +85,23 @@ def test_a_lost_trial_is_left_out_and_the_others_give_the_map(method, grouping, 
     assert result.residuals.shape == (2, *noisy.points.shape)
     assert np.isnan(result.residuals[1]).all()
     assert np.array_equal(result.residuals[0], alone.residuals[0], equal_nan=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_lost_trial_is_left_out_in_space_too(method):
+    points, cells = box_mesh((2, 2, 3), (1.0, 1.0, 1.0))
+    known = points[cells].mean(axis=1)[:, 2] > 0.65
+    one = bodies.body(points, cells, known, floor_and_top(points), young=(5e3, 5e3))
+    one.young[~known], one.poisson[:] = 3e3, 0.4
+    pushes = ((0, 0, -0.05), (0.05, 0, -0.05), (0, 0.05, -0.05), (0.03, 0.04, 0))
+    push_from_above(one, 1.0, pushes)
+    u = np.array(one.trials)
+    u[1] = NAN
+    more = arguments(one) | {"displacements": u, "method": method, "grouping": "label"}
+    result = ei.identify(**more, information=weights(one, [1e-4, None, 1e-4, 1e-4]))
+    assert said(result, "trial 2 has no information", "rests on trials 1, 3, 4")
+    assert np.isnan(result.residuals[1]).all()
+    assert np.nanmax(np.abs(result.young[~known] / 3e3 - 1)) < 1e-3
 
 
 @pytest.mark.parametrize("rubbish", [0.0, NAN, INF, 1e6, "wild"])

@@ -139,6 +139,40 @@ def test_a_body_that_nobody_touches_is_refused_before_the_registration(case):
         check_input(*words, n_trials=2, labels=labels, reaction_nodes=0 * case.reaction)
 
 
+@pytest.mark.parametrize("gap", [0, 1])
+def test_a_pad_apart_from_the_tissue_is_refused_before_the_registration(gap):
+    """Columns of pixels: pad below the indenter, a gap, tissue on the floor."""
+    from elastoidentify.imaging.image import Image
+    from elastoidentify.imaging.meshing import mesh_segmentation
+    from elastoidentify.pipeline import cell_blocks
+
+    labels = np.zeros((1, 40, 24), np.uint8)
+    labels[0, 2:5, 2:22], labels[0, 5:15, 2:22], labels[0, 15 + gap : 33, 2:22] = 5, 1, 2
+    labels[0, 33:36, 2:22] = 4
+    made = mesh_segmentation(Image(labels), 5.0, rigid_labels=[4, 5])
+    words = (made.points, cell_blocks(made.cells), {1: (1.0, 0.43)})
+    more = {"n_trials": 2, "labels": made.labels, "reaction_nodes": made.reaction_nodes}
+    if not gap:
+        check_input(*words, **more)
+        return
+    with pytest.raises(InputError, match="leave no gap between the labels"):
+        check_input(*words, **more)
+
+
+def test_a_piece_that_nobody_touches_is_refused_though_another_one_is_touched(case):
+    """Two bodies: pad and tissue, untouched; and a pad beside them that is pushed."""
+    known = case.known
+    n = len(case.points)
+    points = np.vstack([case.points, case.points + np.array([50.0, 0.0])])
+    cells = np.vstack([case.cells, case.cells[known] + n])
+    labels = np.r_[np.where(known, 1, 2), np.ones(known.sum(), int)]
+    reaction = np.r_[np.zeros(n, bool), case.reaction]
+    with pytest.raises(InputError, match="nothing touches the body"):
+        check_input(
+            points, cells, {1: (1.0, 0.43)}, n_trials=2, labels=labels, reaction_nodes=reaction
+        )
+
+
 def test_the_meshers_border_is_that_of_the_finite_elements():
     from elastoidentify.imaging.image import Image
     from elastoidentify.imaging.meshing import mesh_segmentation

@@ -182,7 +182,8 @@ def identify(
     if stretch is not None:
         here = replace(stretch, centre=stretch.centre[~lost], trials=trials)
         problem = replace(problem, stretch=here)
-    labels, apart = setting.labels, _apart(problem)
+    labels = setting.labels
+    apart = _apart(problem.mesh, problem.unknowns, problem.conditions.pairs)
     gradient = _typical_gradient(problem)
     large_push = bool(problem.law.linear and gradient > LARGE_GRADIENT)
     warnings = frame.notes + _check_trials(problem, unknowns, grouping, gradient, large_push)
@@ -260,13 +261,16 @@ def check_input(
     plane, method = options.get("plane", "strain"), options["method"]
     border.stretches(*stretch, n_trials, frame.mesh.dim, plane, method)
     setting = _setting(frame, known, **options)
-    if not setting.reaction.any():
+    mesh, pairs = frame.mesh, _conditions(frame.mesh, setting).pairs
+    apart, (_, piece) = _apart(mesh, setting.unknowns, pairs), border.pieces_of(mesh, pairs)
+    pushed = np.isin(piece, piece[mesh.node_cells.T @ setting.reaction.astype(float) > 0])
+    if not (pushed & ~apart & ~setting.unknowns.known).any():
         raise InputError(
             "nothing touches the body: no node is at a rigid label, in a reaction box or at the "
             "image's border, so nothing can push it; name the indenter and the floor as rigid "
             "labels, or draw reaction boxes where they touch"
         )
-    _check_equations(frame.mesh, setting, n_trials, options["method"])
+    _check_equations(mesh, setting, n_trials, options["method"])
 
 
 @dataclass(frozen=True)
@@ -421,16 +425,21 @@ def _problem(frame, setting, u, metric, trials, method):
     )  # fmt: skip
 
 
-def _apart(problem):
+def _conditions(mesh, setting):
+    return conditions(mesh, setting.reaction, setting.sliding, setting.labels, setting.slip)
+
+
+def _apart(mesh, unknowns, pairs):
     """Tell which cells lie in pieces of the mesh without a known cell. (n_cells,) bool"""
-    known = problem.unknowns.known
-    n_pieces, piece = border.pieces_of(problem.mesh, problem.conditions.pairs)
+    known = unknowns.known
+    n_pieces, piece = border.pieces_of(mesh, pairs)
     apart = ~np.isin(piece, piece[known])
     if apart[~known].all():
         raise InputError(
             f"the mesh is in {n_pieces} pieces that share no node, and every unknown cell lies in "
-            "one without a known cell, where no force reaches it: merge the nodes that "
-            "neighbouring cells store separately, or name the labels that slide in slip"
+            "one without a known cell, where no force reaches it: leave no gap between the labels "
+            "of a segmentation, merge the nodes that neighbouring cells store separately, or name "
+            "the labels that slide in slip"
         )
     return apart
 
@@ -538,7 +547,7 @@ def _typical_gradient(problem) -> float:
 def _check_equations(mesh, setting, n_trials, method):
     """Warn of fewer equations than unknowns; too few for the exact methods raise."""
     unknowns = setting.unknowns
-    there = conditions(mesh, setting.reaction, setting.sliding, setting.labels, setting.slip)
+    there = _conditions(mesh, setting)
     touched = there.members @ (mesh.node_cells @ (~unknowns.known).astype(float)) > 0
     per_trial = int(touched[there.free_slots // mesh.dim].sum())
     equations, nodes = per_trial * n_trials, int((touched & there.asked).sum())

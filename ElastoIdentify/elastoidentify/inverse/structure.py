@@ -22,9 +22,9 @@ from .misfit import Misfit
 from .visibility import detectability
 
 ALIKE = 2.0
-"""√(1 + ½) for two trials of one rest image, times √(1 + 6 · 0.2) for six neighbours whose errors go
-together by 0.2 (docs/registration.md), is 1.8. Image phantoms without a lesion had d′ = 3.4 and 5.2
-for a bound of 7.1, one with a lesion of 3:1 had 56."""
+"""√(1 + ½) for two trials of one rest image, times √(1 + 6 · 0.2) for six neighbours whose errors
+go together by 0.2 (docs/registration.md), is 1.8. Image phantoms without a lesion had d′ = 3.4 and
+5.2 for a bound of 7.1, one with a lesion of 3:1 had 56."""
 
 
 def found_structure(
