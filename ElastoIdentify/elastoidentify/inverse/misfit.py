@@ -148,3 +148,16 @@ def _errors(term, random, m, scale, shared):
             for o, own in zip(term, parts, strict=True)
         ]
     return [np.sqrt(o.factor(scale)) * (o.root @ part) for o, part in zip(term, parts, strict=True)]
+
+
+def beside(*numbers) -> list[list[np.ndarray]]:
+    """Return numbers per term and trial with the columns of all side by side."""
+    return [
+        [np.hstack(parts) for parts in zip(*trials, strict=True)]
+        for trials in zip(*numbers, strict=True)
+    ]
+
+
+def difference(a, b) -> list[list[np.ndarray]]:
+    """Return a − b of numbers per term and trial."""
+    return [[p - q for p, q in zip(*trials, strict=True)] for trials in zip(a, b, strict=True)]

@@ -30,6 +30,7 @@ from scipy.spatial import cKDTree
 
 from ..fem.mesh import Mesh
 from .equilibrium import Equilibrium
+from .misfit import beside
 from .problem import ModelMisfit
 
 FLAGGED = 0.1  # share from which a cell counts: chance takes some 4 % of sound cells there
@@ -131,8 +132,7 @@ def _multipliers(fit, free, variance, scale):
     root = fit.prior.root()
     sampled = root @ rng.standard_normal((root.shape[1], SAMPLES))
     prior = np.hstack([-fit.prior.gradient(fit.x)[:, None], sampled])
-    (left,), (noise,) = fit.misfit.residuals(), fit.misfit.noise(rng, SAMPLES, scale)
-    numbers = [[np.hstack(pair) for pair in zip(left, noise, strict=True)]]
+    numbers = beside(fit.misfit.residuals(), fit.misfit.noise(rng, SAMPLES, scale))
     fit.tell()
     fit.system.factorise(fit.prior.hessian(), fit.state, fit.misfit, scale, extra)
     return fit.system.multipliers(prior, numbers, forces)

@@ -147,11 +147,13 @@ class ReducedSystem:
     """
 
     def __init__(self, parameter_places, dim: int):
-        self.factoriser, self.dim = Factoriser(parameter_places), dim
+        self.factoriser, self.dim, self.blocks = Factoriser(parameter_places), dim, {}
 
     def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
         """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
-        return [b[:, 0] for b in self._held_motion(state, misfit, misfit.residuals(), tell, REFIT)]
+        least = REFIT**2 * misfit.value()  # to gain less is no gain
+        found = self._held_motion(state, misfit, misfit.residuals(), tell, REFIT, least)
+        return [b[:, 0] for b in found]
 
     def unexplained(self, state: State, misfit: Misfit, dx: np.ndarray, tell=None):
         """Return what dx (n_x, m) changes of the numbers and the held motion could not.
@@ -166,13 +168,13 @@ class ReducedSystem:
             [a - b for a, b in zip(*parts, strict=True)] for parts in zip(seen, like, strict=True)
         ]
 
-    def _held_motion(self, state, misfit, numbers, tell, tolerance):
+    def _held_motion(self, state, misfit, numbers, tell, tolerance, least=0.0):
         """The db of each trial, (n_held, m), that comes nearest to numbers, dx held fast."""
         self.P, self.state, self.misfit, self.scale = None, state, misfit, 1.0
         self.of_b = self._held_blocks()
         right = self._gradient(numbers)[1:]
         fixed = np.zeros((0, right[0].shape[1]))
-        return self._solve([fixed, *right], None, tell, tolerance)[1]
+        return self._solve([fixed, *right], None, tell, tolerance, least)[1]
 
     def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float):
         """Take new matrices."""
@@ -193,27 +195,33 @@ class ReducedSystem:
         A held node takes the free nodes beside it along, so their weights count like its own: they
         keep a node in its place that is hardly measured itself.
         """
-        n, d, found, out = self.state.n_free, self.dim, {}, []
+        out = []
+        for t in range(len(self.state.K)):
+            parts = [term[t] for term in self.misfit.terms]
+            alike = all(o.scaled for o in parts)  # then the noise is a factor
+            scale = 1.0 if alike else self.scale
+            key = (scale, *(id(one) for o in parts for one in (o.weight, o.by_eta)))
+            if key not in self.blocks:  # and what its numbers stand for is kept alive
+                self.blocks[key] = parts, self._blocks_of(t, parts, scale)
+            out.append(self.blocks[key][1] * (self.scale**2 if alike else 1.0))
+        return out
+
+    def _blocks_of(self, t, parts, scale):
+        """The inverse blocks of one trial; which nodes touch is the same in all states."""
+        n, d = self.state.n_free, self.dim
         free, held = (_padding(part, d) for part in np.split(self.state.slots, [n]))
         self.held = held.tocsc().indices  # where the padded blocks have the held motion
-        for t, K in enumerate(self.state.K):
-            parts = [term[t] for term in self.misfit.terms]
-            key = (id(K), *(id(o.weight) for o in parts))
-            if key not in found:
-                H = sum(o.by_eta.T @ (o.weight / o.factor(self.scale)) @ o.by_eta for o in parts)
-                H = H.tocsr()
-                beside = _diagonal_blocks(free @ H[:n, :n] @ free.T, d)
-                own = _diagonal_blocks(held @ H[n:, n:] @ held.T, d)
-                near = _neighbours(free @ self.state.couplings[t] @ held.T, d)
-                near = near.multiply(1 / np.maximum(near.sum(axis=1), 1)).tocsr()
-                mean = (near @ beside.reshape(len(beside), -1)).reshape(-1, d, d)
-                found[key] = np.linalg.inv(own + mean + _unused(held, d, H.diagonal().mean()))
-            out.append(found[key])
-        return out
+        H = sum(o.by_eta.T @ (o.weight / o.factor(scale)) @ o.by_eta for o in parts).tocsr()
+        beside = _diagonal_blocks(free @ H[:n, :n] @ free.T, d)
+        own = _diagonal_blocks(held @ H[n:, n:] @ held.T, d)
+        near = _neighbours(free @ self.state.couplings[t] @ held.T, d)
+        near = near.multiply(1 / np.maximum(near.sum(axis=1), 1)).tocsr()
+        mean = (near @ beside.reshape(len(beside), -1)).reshape(-1, d, d)
+        return np.linalg.inv(own + mean + _unused(held, d, H.diagonal().mean()))
 
     def solve(
         self, parameter_part, numbers, start=None, tell: Callable[[], None] | None = None,
-        tolerance: float = TOLERANCE,
+        tolerance: float | np.ndarray = TOLERANCE,
     ):  # fmt: skip
         """Return dx (n_x, m) and db (n_held, m) of each trial.
 
@@ -225,15 +233,15 @@ class ReducedSystem:
             A guess; the solution of the step before is a good one.
         tell : callable, optional
             Called at each step.
-        tolerance : float
+        tolerance : float or (m,)
             Of the residual, relative to the right side, in the preconditioner's norm.
         """
         right = self._gradient(numbers)
         right[0] = right[0] + parameter_part
         return self._solve(right, start, tell, tolerance)
 
-    def _solve(self, right, start, tell, tolerance):
-        target = tolerance**2 * _dot(right, self._precondition(right))
+    def _solve(self, right, start, tell, tolerance, least=0.0):
+        target = np.maximum(tolerance**2 * _dot(right, self._precondition(right)), least)
         if start is None:
             x, residual = [0 * part for part in right], right
         else:
@@ -241,21 +249,32 @@ class ReducedSystem:
             residual = [a - c for a, c in zip(right, self._product(x), strict=True)]
         direction = z = self._precondition(residual)
         size = _dot(residual, z)
+        found, columns = [part.copy() for part in x], np.arange(len(size))
         for _ in range(LIMIT):
             going = size > target
-            if not going.any():
-                break
+            if not going.all():  # columns that are found cost no more
+                for whole, part in zip(found, x, strict=True):
+                    whole[:, columns] = part
+                columns, size, target = columns[going], size[going], target[going]
+                if not len(columns):
+                    break
+                x, residual, direction = (
+                    [part[:, going] for part in parts] for parts in (x, residual, direction)
+                )
             if tell:
                 tell()
             image = self._product(direction)
-            length = np.where(going, size / np.maximum(_dot(direction, image), _TINY), 0)
+            length = size / np.maximum(_dot(direction, image), _TINY)
             x = [a + length * p for a, p in zip(x, direction, strict=True)]
             residual = [a - length * q for a, q in zip(residual, image, strict=True)]
             z = self._precondition(residual)
             before, size = size, _dot(residual, z)
             turn = size / np.maximum(before, _TINY)
             direction = [a + turn * p for a, p in zip(z, direction, strict=True)]
-        return x[0], x[1:]
+        else:
+            for whole, part in zip(found, x, strict=True):
+                whole[:, columns] = part
+        return found[0], found[1:]
 
     def _product(self, v):
         """(P + JᵀWJ/σ²) v for v = [dx, db of each trial]; dx without rows: held fast."""

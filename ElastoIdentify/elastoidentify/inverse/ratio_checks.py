@@ -13,9 +13,10 @@ plane shows as a ν that the pad does not have.
 """
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..fem.elastic_constants import young_from_lame
+from .misfit import beside, difference
+from .newton_systems import COARSE
 from .poisson import of_unit_young
 
 # shifts of ν worth a sentence, of known cells (which the map feels little) and of unknown ones
@@ -36,10 +37,13 @@ def ratio_checks(fit) -> list[dict]:
         ``label``; ``known`` (its E was given, too); ``given``, ``shown``, ``std``: ν. Labels whose
         ν cannot be told are left out.
     """
+    given = list(_given(fit.problem))
+    if not given:
+        return []
     rows = []
-    for label, known, cells in _given(fit.problem):
+    shifts = _shifts(fit, [cells for *_, cells in given])
+    for (label, known, cells), (shift, std) in zip(given, shifts, strict=True):
         nu = float(_ratio_and_young(fit, cells)[0].mean())
-        shift, std = _shift(fit, cells)
         if np.isfinite(std):
             rows.append(
                 {"label": label, "known": known, "given": nu, "shown": nu + shift, "std": std}
@@ -67,48 +71,38 @@ def _ratio_and_young(fit, cells):
     return nu, young
 
 
-def _shift(fit, cells):
-    """δ and its standard deviation; NaN where the displacements do not depend on ν."""
+def _shifts(fit, labels):
+    """δ and its standard deviation for the cells of each label; NaN: displacements do not tell."""
     state, misfit, forward = fit.state, fit.misfit, fit.forward
-    nu, young = _ratio_and_young(fit, cells)
-    _, slopes = of_unit_young(nu, fit.problem.unknowns.plane_stress)
-    columns = []
-    for slope in slopes:
-        of_cell = np.zeros(len(cells))
-        of_cell[cells] = young * slope
-        columns.append(sp.csr_matrix(of_cell[forward.parent][:, None]))
+    m, slopes = len(labels), np.zeros((2, len(labels[0]), len(labels)))
+    for k, cells in enumerate(labels):
+        nu, young = _ratio_and_young(fit, cells)
+        for of_cell, slope in zip(
+            slopes[..., k], of_unit_young(nu, fit.problem.unknowns.plane_stress)[1], strict=True
+        ):
+            of_cell[cells] = young * slope
+    by_lam, by_mu = (slope[forward.parent] for slope in slopes)
     loads = []
     for u in forward.displacements(state.eta):
         per_lam, per_mu = forward.cells.force_matrices(u)
-        force = forward.Z.T @ (per_lam @ columns[0] + per_mu @ columns[1])
-        loads.append(-force[: state.n_free].toarray())
-    held = np.zeros((forward.n_eta - state.n_free, 1))
+        loads.append(-(forward.Z.T @ (per_lam @ by_lam + per_mu @ by_mu))[: state.n_free])
+    held = np.zeros((forward.n_eta - state.n_free, m))
     change = [np.vstack([free, held]) for free in state.solve(loads)]
     j = misfit.seen(None, change)
-    dx, db = fit.system.solve(np.zeros((fit.parameters.n, 1)), j, tell=fit.tell)
-    fitted = misfit.seen(dx, state.change(dx, db))
-    left = [[a - b for a, b in zip(*pair, strict=True)] for pair in zip(j, fitted, strict=True)]
-    weighted = _weighted(misfit, j, fit.scale)
-    curvature, score = _dot(weighted, left), _dot(weighted, misfit.residuals())
-    if not curvature > 0:
-        return np.nan, np.nan
-    of_cells = 0.0  # the finite elements' own error, which looks like a ν, too
+    nothing = np.zeros((fit.parameters.n, m))
+    dx, db = fit.system.solve(nothing, j, tell=fit.tell, tolerance=COARSE)
+    left = difference(j, misfit.seen(dx, state.change(dx, db)))
+    curvature = np.diag(misfit.gram(beside(j, left), fit.scale)[:m, m:])
+    score = misfit.gram(beside(j, misfit.residuals()), fit.scale)[:m, m]
+    # the finite elements' own error, which looks like a ν, too
+    of_cells = np.zeros(m)
     if fit.gap:
-        of_cells = _dot(_weighted(misfit, left, fit.scale)[:1], [fit.gap]) / curvature
-    return score / curvature, float(np.hypot(1 / np.sqrt(curvature), of_cells))
-
-
-def _weighted(misfit, numbers, scale):
+        gap = [fit.gap, *[[0 * r for r in term] for term in misfit.residuals()[1:]]]
+        of_cells = misfit.gram(beside(left, gap), fit.scale)[:m, m]
     return [
-        [o.weight @ v / o.factor(scale) for o, v in zip(term, part, strict=True)]
-        for term, part in zip(misfit.terms, numbers, strict=True)
+        (s / c, float(np.hypot(1 / np.sqrt(c), g / c))) if c > 0 else (np.nan, np.nan)
+        for s, c, g in zip(score, curvature, of_cells, strict=True)
     ]
-
-
-def _dot(a, b):
-    return sum(
-        float((p * q).sum()) for s, t in zip(a, b, strict=True) for p, q in zip(s, t, strict=True)
-    )
 
 
 def contradicts(row: dict) -> bool:

@@ -21,7 +21,7 @@ import numpy as np
 from ..progress import Progress, silent
 from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
-from .misfit import Displacements, Misfit
+from .misfit import Displacements, Misfit, beside
 from .model_misfit import model_misfit
 from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
 from .out_of_plane import StretchParameters, warnings_of
@@ -38,7 +38,8 @@ SETTLED = 0.1  # largest change of a log-modulus in the last variational step
 SAMPLES = 16
 # on the way, by products: few and coarse samples tell the weights well enough
 ROUGH_SAMPLES, ROUGH, FINE = 4, 0.03, 0.01
-MOST_LOOKED_AT = 20_000  # degrees of freedom up to which it is said what could be seen, unasked
+# degrees of freedom up to which it is said what could be seen, unasked; by products it costs little
+MOST_LOOKED_AT = 20_000
 FEW = 100  # parameters for which all samples are taken always
 
 
@@ -118,15 +119,30 @@ class _Fit:
     def factorise(self):
         self.system.factorise(self.prior.hessian(), self.state, self.misfit, self.scale)
 
-    def step(self):
-        """Move by one damped Gauss-Newton step; return the largest change of a parameter."""
-        gradient = self.prior.gradient(self.x)[:, None]
-        dx, db = self.system.solve(-gradient, self.misfit.residuals(), tell=self.tell)
+    def step(self, m: int = 0, tolerance: float = TOLERANCE):
+        """Move by one damped Gauss-Newton step; return the largest change of a parameter.
+
+        With m, draw as many samples of the posterior around x, to `tolerance`, in the same go: many
+        columns cost little more than one.
+        """
+        force, numbers = -self.prior.gradient(self.x)[:, None], self.misfit.residuals()
+        near = None
+        if m:
+            prior_part, errors = self._drawn(m)
+            force = np.hstack([force, prior_part])
+            numbers, near = beside(numbers, errors), self._near(m)
+            tolerance = np.append(TOLERANCE, np.full(m, tolerance))
+        if near:  # nothing is known of the step
+            near = [np.pad(part, ((0, 0), (1, 0))) for part in (near[0], *near[1])]
+            near = near[0], near[1:]
+        dx, db = self.system.solve(force, numbers, near, self.tell, tolerance)
+        if m:
+            self.samples = dx[:, 1:], [b[:, 1:] for b in db]
+        dx, db = dx[:, 0], [b[:, 0] for b in db]
         size = np.abs(dx).max()
         damped = min(1.0, 1.0 / max(size, 1e-300))
-        dx, db = damped * dx[:, 0], [damped * b[:, 0] for b in db]
-        self.x = self.x + dx
-        self.eta = self.forward.moved(self.state, dx, db)
+        self.x = self.x + damped * dx
+        self.eta = self.forward.moved(self.state, damped * dx, [damped * b for b in db])
         return size
 
     def sample_posterior(self, m, tolerance, shared=False):
@@ -134,15 +150,21 @@ class _Fit:
 
         With `shared` trials have the errors in common that they really have.
         """
+        near = self._near(m)
+        self.samples = self.system.solve(*self._drawn(m, shared), near, self.tell, tolerance)
+        return self.samples[0]
+
+    def _drawn(self, m, shared=False):
+        """m random forces on the parameters, and errors of the numbers, of which samples follow."""
         rng = np.random.default_rng(0)  # the same numbers every time: else the steps never settle
         root = self.prior.root()
         prior_part = root @ rng.standard_normal((root.shape[1], m))
-        errors = self.misfit.noise(rng, m, self.scale, shared)
-        near = self.samples
-        if near is not None and near[0].shape[1] != m:
-            near = None
-        self.samples = self.system.solve(prior_part, errors, near, self.tell, tolerance)
-        return self.samples[0]
+        return prior_part, self.misfit.noise(rng, m, self.scale, shared)
+
+    def _near(self, m):
+        """The last samples, where there are m of them."""
+        found = self.samples
+        return found if found is not None and found[0].shape[1] == m else None
 
     def exact_posterior(self):
         """Set the columns of a root of the covariance as samples: their mean square is exact.
@@ -203,9 +225,8 @@ class _Fit:
             if self.scale is None:
                 self.scale = self._floor(0.3 * self.misfit.value() / n)
             self.factorise()
-            drawn = self.sample_posterior(*samples)
-            size = self.step()
-            P = self.prior.hessian()
+            size = self.step(*samples)
+            drawn, P = self.samples[0], self.prior.hessian()
             self.effective = len(self.x) - float((drawn * (P @ drawn)).sum(axis=0).mean())
             self.effective = min(max(self.effective, 0.0), len(self.x))
             self.prior.variational(self.x, drawn)
@@ -225,18 +246,19 @@ class _Fit:
         call their common bias, which no prior sees, certain. Two keep the truth within two
         standard deviations as often as they should (docs/benchmarks.md).
         """
-        fine = FINE if self.by_products else TOLERANCE
+        rough, fine = (ROUGH, FINE) if self.by_products else (TOLERANCE, TOLERANCE)
         sharpened = self.kept.exponent != UNSHARPENED
         others = None
         if self.other is not None:
             self.prior.variational(self.x, self.samples[0])
             self.factorise()
             others = self.sample_posterior(SAMPLES, fine, shared=True)
-        for _ in range(POSTERIOR_STEPS if sharpened else len(self.variation) > 0):
+        steps = POSTERIOR_STEPS if sharpened else int(len(self.variation) > 0)
+        for left in reversed(range(steps)):
             if sharpened:
                 self.prior.reweighted(self.x, self.samples[0])
             self.factorise()
-            self.sample_posterior(SAMPLES, fine, shared=True)
+            self.sample_posterior(SAMPLES, rough if left else fine, shared=True)
         if self.parameters.n <= FEW:
             self.exact_posterior()
         if self.other is not None:
@@ -280,7 +302,8 @@ class _Fit:
         """Find how small a lesion could be that a map of cells would show."""
         self.visible, unknowns, mesh = None, self.problem.unknowns, self.problem.mesh
         place = self.problem.look_at
-        if unknowns.per_cell and (place is not None or self.forward.n_free <= MOST_LOOKED_AT):
+        small = self.by_products or self.forward.n_free <= MOST_LOOKED_AT
+        if unknowns.per_cell and (small or place is not None):
             self.at = (0.99, "regularized: what could be seen")
             self.visible = smallest_visible(
                 self.state, self.misfit, self.scale, unknowns.per_group,

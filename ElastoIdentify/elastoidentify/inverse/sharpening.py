@@ -27,6 +27,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .misfit import beside
+
 STEPS = 15
 SETTLED, ROUGHLY = 0.05, 0.1  # largest change of a log-modulus in the last step; with noise added
 # exponents of the reweighted prior, p(jump) ∝ |jump|^−e, by dimension, the sharpest first (a closed
@@ -159,11 +161,7 @@ class Stein:
 
     def _product(self, a, b):
         """Σ aᵀ W b / σ² of numbers per term and trial."""
-        both = [
-            [np.hstack(pair) for pair in zip(*parts, strict=True)]
-            for parts in zip(a, b, strict=True)
-        ]
-        return float(self.fit.misfit.gram(both, self.fit.scale)[0, 1])
+        return float(self.fit.misfit.gram(beside(a, b), self.fit.scale)[0, 1])
 
 
 def _sharpened(fit, exponent, settled=SETTLED) -> Map:
