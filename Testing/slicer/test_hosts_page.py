@@ -27,4 +27,4 @@ def test_the_script_prints_what_the_pipeline_finds(tmp_path, monkeypatch, capsys
     demand(capsys.readouterr().out, *outcomes, "3D Slicer")
     in_lps = stored_outcome(study, phantom, tmp_path / "in_lps")
     for here, there in zip(outcomes[0].result.statistics, in_lps.result.statistics, strict=True):
-        assert here["Mu mean"] == pytest.approx(there["Mu mean"], rel=0.01)
+        assert here["Mu mean"] == pytest.approx(there["Mu mean"], rel=0.05)
