@@ -6,6 +6,7 @@ there; nested dissection of the unknowns' places gives it an order with little f
 """
 
 import os
+import sys
 from functools import cache
 
 import numpy as np
@@ -122,6 +123,6 @@ class Pardiso:
         return np.asarray(self._call(33, columns)).reshape(right.shape)
 
     def __del__(self):
-        if hasattr(self, "solver"):
+        if hasattr(self, "solver") and not sys.is_finalizing():  # then the memory goes anyway
             self.solver.set_phase(-1)
             self.solver._call_pardiso(self.matrix, np.zeros((self.n, 1)))
