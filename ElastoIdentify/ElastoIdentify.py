@@ -782,6 +782,9 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
             method=report.get("method", "?"),
         )
         warnings = [_asSentence(translated(one)) for one in report.get("warnings", [])]
+        explored = report.get("explored")
+        if explored and explored["preferred"] == "given":  # else the verdict says so
+            found = f"{found} {translated(explored['sentence'])}"
         return " ".join([*verdict, found, *warnings])
 
     @staticmethod

@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import InputError
+from .exploration import check_method, explore, record
 from .fem.soundness import node_pieces
 from .imaging.meshing import LabelMesh, mesh_segmentation
 from .imaging.slices import slice_of_image, slice_with_points
@@ -177,6 +178,8 @@ def check(study: Study, mesh: LabelMesh) -> None:
         reaction_nodes=mesh.reaction_nodes,
         **keywords(study, IdentificationOptions),
     )
+    if study.explore:
+        check_method(study.method)
 
 
 # ---- the three steps
@@ -295,16 +298,22 @@ def identify_mesh(
     **mesh
         labels, reaction_nodes, information of :func:`~elastoidentify.identify`.
     """
+    known = known_by_label(options) if known is None else known
+    explores = getattr(options, "explore", False)
+    if explores:
+        check_method(options.method)
+    chosen = {**mesh, **keywords(options, IdentificationOptions)}
     result = identify(
-        points,
-        cells,
-        displacements,
-        known_by_label(options) if known is None else known,
-        **mesh,
-        **keywords(options, IdentificationOptions),
-        progress=progress,
-    )
+        points, cells, displacements, known, **chosen,
+        progress=part(progress, 0.0, 0.2 if explores else 1.0),
+    )  # fmt: skip
     result.report["warnings"] = unused(options, IdentificationOptions) + result.report["warnings"]
+    if explores:
+        tried = explore(
+            points, cells, displacements, known, **chosen, result=result,
+            progress=part(progress, 0.2, 1.0),
+        )  # fmt: skip
+        record(result, tried)
     result.report["labels"] = [
         _with_names_and_units(row, options, result.report["dimension"], names or {})
         for row in result.statistics

@@ -376,6 +376,14 @@ class ReportOptions(Table):
     length_unit = Text(
         "mm", "Unit of lengths.", group="Report", keyword="", advanced=True, metavar="UNIT"
     )
+    explore = Flag(
+        False,
+        "Identify anew under other assumptions, one at a time (Poisson's ratio free, slip at the "
+        "pad, stretch across the plane, plane stress), and say which the displacements prefer. "
+        "Takes as many times longer.",
+        group="Report",
+        keyword="",
+    )
 
 
 class ReadOptions(Table):

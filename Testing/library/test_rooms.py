@@ -15,7 +15,7 @@ FLOORS = [
     ["inverse"],
     ["workers"],
     ["imaging"],
-    ["provenance"],
+    ["exploration", "provenance"],
     ["pipeline"],
     ["planning"],
     ["report"],

@@ -367,18 +367,24 @@ def _check_outputs(outputs: Mapping[str, tuple[str, tuple[str, ...]]], inputs) -
 
 
 def _check_result_outputs(arguments, inputs) -> None:
-    _check_outputs(
-        {
-            "--output": (arguments.output, options.MESH),
-            "--picture": (arguments.picture, options.PICTURE),
-            "--table": (arguments.table, options.TABLE),
-            "--report": (arguments.report, options.REPORT),
-        },
-        inputs,
-    )
+    outputs = {
+        "--output": (arguments.output, options.MESH),
+        "--picture": (arguments.picture, options.PICTURE),
+        "--table": (arguments.table, options.TABLE),
+        "--report": (arguments.report, options.REPORT),
+    }
+    if getattr(arguments, "explore", False):
+        outputs["--explore, picture"] = (_explored(arguments.picture), options.PICTURE)
+        outputs["--explore, table"] = (_explored(arguments.table), options.TABLE)
+    _check_outputs(outputs, inputs)
     if arguments.picture is not None:
         import matplotlib  # noqa: F401  a missing extra is said now
     exports.check(arguments, _rest_path(arguments), inputs, getattr(arguments, "unit", None))
+
+
+def _explored(path: str | None) -> str | None:
+    """Return the file beside another one that compares the assumptions tried."""
+    return path and str(Path(path).with_stem(f"{Path(path).stem}_explored"))
 
 
 def _rest_path(arguments) -> str | None:
@@ -392,18 +398,25 @@ def _deliver(arguments, study, grid, rest) -> None:
     from ..vtk_io.arrays import REPORTS, read_report
 
     made = read_report(grid, "provenance")
-    rows = _say_result(grid, made)
+    rows, explored = _say_result(grid, made)
     _write_mesh(arguments.output, grid)
     if arguments.table:
         from ..report.table import write_table
 
         write_table(arguments.table, rows, made)
         print(f"wrote {arguments.table}")
+        if explored:
+            write_table(_explored(arguments.table), explored["rows"], made)
+            print(f"wrote {_explored(arguments.table)}")
     if arguments.picture:
-        from ..vtk_io.picture import draw
+        from ..vtk_io.picture import draw, draw_explored
 
-        draw(arguments.picture, grid, rest, unit=study.unit, length=study.length_unit)
+        units = {"unit": study.unit, "length": study.length_unit}
+        draw(arguments.picture, grid, rest, **units)
         print(f"wrote {arguments.picture}")
+        if explored:
+            draw_explored(_explored(arguments.picture), grid, **units)
+            print(f"wrote {_explored(arguments.picture)}")
     if arguments.report:
         from ..imaging.io import write_whole
 
@@ -450,8 +463,8 @@ def _say_registration(report: dict, has_rest: bool) -> None:
     _warn(report.get("warnings", []))
 
 
-def _say_result(grid, made: dict) -> list[dict]:
-    """Print how it was found, and the figures per label; return those."""
+def _say_result(grid, made: dict) -> tuple[list[dict], dict | None]:
+    """Print how it was found, and the figures per label; return those, and what was explored."""
     from ..report.sentences import report_lines
     from ..report.table import table_text
     from ..vtk_io.arrays import read_report
@@ -464,7 +477,7 @@ def _say_result(grid, made: dict) -> list[dict]:
     if rows:
         print(table_text(rows, made.get("unit") or ""))
     _warn(report.get("warnings", []))
-    return rows
+    return rows, report.get("explored")
 
 
 def _warn(sentences) -> None:

@@ -106,7 +106,7 @@ class Frame:
                 self.axes = self.axes * [-1, 1]
                 points = points * [-1, 1]
         self._points, self._first = points, np.arange(self.n_given)
-        self.ends = soundness.edges(self._nodes_by_kind())
+        self.ends = soundness.edges(self.blocks)
         self._make_mesh()
 
     def _make_mesh(self):
@@ -116,7 +116,9 @@ class Frame:
             [(kind, np.searchsorted(self.nodes, nodes), ids) for kind, nodes, ids in self._blocks],
         )
 
-    def _nodes_by_kind(self):
+    @property
+    def blocks(self) -> list[tuple[str, np.ndarray]]:
+        """The cells by kind, with the numbers of the nodes given."""
         return [(kind, nodes) for kind, nodes, _ in self._blocks]
 
     @property
@@ -140,9 +142,9 @@ class Frame:
         joined = None
         if len(slip):
             in_order = labels[np.concatenate([ids for _, _, ids in self._blocks])]
-            slides = on_two_sides(self.n_given, self._nodes_by_kind(), in_order, slip)
+            slides = on_two_sides(self.n_given, self.blocks, in_order, slip)
             joined = lambda pairs: ~slides(pairs)  # noqa: E731
-        first = soundness.coincident(self._points, self._nodes_by_kind(), joined=joined)
+        first = soundness.coincident(self._points, self.blocks, joined=joined)
         n_doubled = np.count_nonzero(first != np.arange(len(first)))
         if not n_doubled:
             return

@@ -62,6 +62,7 @@ class IdentificationResult:
     sequence_order: np.ndarray
     residuals: np.ndarray  # (n_trials, n_nodes, dim of the points given)
     report: dict = field(default_factory=dict)  # JSON-ready; report["warnings"]: list of sentences
+    tried: list = field(default_factory=list, repr=False)  # of elastoidentify.exploration.Tried
 
     @property
     def statistics(self) -> list[dict]:

@@ -231,9 +231,9 @@ class _Fit:
             self.effective = min(max(self.effective, 0.0), len(self.x))
             self.prior.variational(self.x, drawn)
             before = self.scale
+            self.first_noise = self._floor(self.misfit.value() / self._left())
             if given is None:
-                left = max(n - self.effective, 0.05 * n)
-                self.scale = self._floor(self.misfit.value() / left)
+                self.scale = self.first_noise
             self.record(0.5 * (iteration + 1) / VARIATIONAL_STEPS, size)
             if size < SETTLED and abs(self.scale / before - 1) < 0.02:
                 break
@@ -340,13 +340,13 @@ class _Fit:
             errors = errors + self.bias[:, None] * (-1.0) ** np.arange(errors.shape[1])
         ratios = self.parameters.ratios_found(self.x, errors)
         stretches = self.parameters.stretches_found(self.x, errors)
-        left = max(self.n_equations - self.effective, 0.05 * self.n_equations)
         weight = self.variation.field_weight if len(self.variation) else []
         report = {
             "method": "regularized",
             "noise_scale": self.scale,
             "noise_given": self.problem.noise.scale is not None,
-            "noise_found": self._floor(self.misfit.value() / left),
+            "noise_found": self._floor(self.misfit.value() / self._left()),
+            "noise_before_sharpening": self.first_noise,
             "misfit": self.misfit.value() / self.scale**2 / max(self.n_equations, 1),
             "effective_parameters": self.effective,
             "prior_weight": [float(w) for w in weight],
@@ -381,6 +381,10 @@ class _Fit:
             return pairs
         one, other = labels[pairs].T
         return pairs[one == other]
+
+    def _left(self):
+        """The equations that the parameters leave to judge the noise by."""
+        return max(self.n_equations - self.effective, 0.05 * self.n_equations)
 
     def _floor(self, variance):
         return float(max(np.sqrt(max(variance, 0.0)), 10 * self.problem.noise.round_off))

@@ -117,6 +117,13 @@ def _nothing(structure: dict | None) -> str:
     return ""
 
 
+def doubted(verdict: dict, reason: str) -> dict:
+    """Return a verdict with one more reason for care, the first of all."""
+    reasons = [reason[0].lower() + reason[1:], *verdict["reasons"]]
+    bad = verdict["level"] == DISTRUST
+    return _said(reasons if bad else [], [] if bad else reasons, verdict["noise_factor"])
+
+
 def _where(local) -> str:
     place = ", ".join(f"{x:.3g}" for x in local["centre"])
     return (

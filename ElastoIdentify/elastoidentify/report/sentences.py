@@ -47,7 +47,36 @@ def report_lines(report: dict, informed: bool = False, length: str = "mm") -> li
         )
     if report.get("smallest_visible") and not _said_before(report):
         lines.append(visible_line(report["smallest_visible"], length))
-    return lines
+    return lines + explored_lines(report.get("explored"))
+
+
+def explored_lines(explored: dict | None) -> list[str]:
+    """Return what came of other assumptions, a line each; none where none were tried."""
+    if not explored:
+        return []
+    return [f"other assumptions: {explored['sentence']}", *map(_tried, explored["rows"])]
+
+
+def _tried(row: dict) -> str:
+    start = f"if {row['words']}"
+    if row["refused"]:
+        return f"{start}: could not be tried: {row['refused']}"
+    name = f" ({row['options']})" if row["options"] else ""
+    return (
+        f"{start}{name}: {figure(row['noise'])} times the noise, "
+        f"evidence {row['evidence']:+.0f}; {row['verdict']}{_figures(row)}"
+    )
+
+
+def _figures(row: dict) -> str:
+    """μ of the labels, with their standard errors."""
+    start, end = "Mu of label ", ", standard error"
+    labels = [key for key in row if key.startswith(start) and not key.endswith(end)]
+    said = [
+        f"{key.removeprefix(start)}: {figure(row[key])} ± {figure(row[key + end], 2)}"
+        for key in labels
+    ]
+    return f"; μ of label {', '.join(said)}" if said else ""
 
 
 def verdict_line(report: dict, length: str = "mm") -> str:

@@ -25,8 +25,8 @@ def write_table(path: str | Path, rows: list[dict], provenance: Mapping | None =
         Where the result comes from; the last column, JSON.
     """
     made = {} if provenance is None else {"provenance": json.dumps(provenance, default=str)}
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*rows[0], *made], lineterminator="\n")
+    text, names = io.StringIO(), list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(text, [*names, *made], lineterminator="\n")
     writer.writeheader()
     writer.writerows({**row, **made} for row in rows)
     write_whole(Path(path), lambda part: part.write_text(text.getvalue(), encoding="utf-8"))

@@ -7,7 +7,8 @@ from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkIntArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkTable
 
 from ..errors import InputError
-from ..results import COMPONENTS, QUANTITIES
+from ..options import pascal
+from ..results import COMPONENTS, QUANTITIES, is_found
 from .checks import cell_labels
 from .convert import (
     DISPLACEMENT,
@@ -24,7 +25,7 @@ from .convert import (
 )
 from .frame import write_frame, write_place
 
-DISAGREEMENT = "Disagreement"
+DISAGREEMENT, MU_IF = "Disagreement", "MuIf"
 KNOWN = ("KnownYoungModulus", "KnownPoissonRatio")
 REPORTS = {
     "identification": "IdentificationReport",
@@ -91,9 +92,26 @@ def write_identification(grid, result, order=None):
     grid.GetCellData().SetActiveScalars("Mu")  # what a host shows first
     put("Status", result.status, np.uint8)
     put("SequenceOrder", result.sequence_order, np.int32)
+    for name in mu_if_names(grid):
+        grid.GetCellData().RemoveArray(name)  # of an earlier run
+    for one in (one for one in result.tried if one.result is not None):
+        mu = np.where(is_found(one.result.status), one.result.mu, np.nan)
+        put(mu_if(one.assumption.key), mu, np.float64)
     for number, residual in enumerate(result.residuals, 1):
         set_array(grid.GetPointData(), f"Residual_{number}", vectors(np.asarray(residual, float)))
     set_text(grid, REPORTS["identification"], to_json(result.report))
+
+
+def mu_if(assumption: str) -> str:
+    """Return the cell array of μ under an assumption that was tried: ``MuIfSlip``."""
+    return MU_IF + pascal(assumption)
+
+
+def mu_if_names(grid) -> list[str]:
+    """Return the cell arrays of μ under other assumptions."""
+    cells = grid.GetCellData()
+    names = [cells.GetArrayName(number) or "" for number in range(cells.GetNumberOfArrays())]
+    return [name for name in names if name.startswith(MU_IF)]
 
 
 def write_outcome(outcome):
