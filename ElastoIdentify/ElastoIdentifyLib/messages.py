@@ -61,6 +61,7 @@ TEMPLATES = (
     _("Label to which the ratios in the table of labels refer. 0: the largest unknown one."),
     _("Unit of the known Young's moduli, and so of the map."),
     _("Unit of lengths."),
+    _("Identify anew under other assumptions, one at a time (Poisson's ratio free, slip at the pad, stretch across the plane, plane stress), and say which the displacements prefer. Takes as many times longer."),
     _("Which series of a DICOM folder, by its number, description or identifier."),
     _("Which frame of a cine, from 1. 0: files of one frame."),
     _("{0}: Young's modulus is {1}, it must be a positive number"),

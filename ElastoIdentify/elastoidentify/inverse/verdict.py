@@ -121,7 +121,8 @@ def doubted(verdict: dict, reason: str) -> dict:
     """Return a verdict with one more reason for care, the first of all."""
     reasons = [reason[0].lower() + reason[1:], *verdict["reasons"]]
     bad = verdict["level"] == DISTRUST
-    return _said(reasons if bad else [], [] if bad else reasons, verdict["noise_factor"])
+    both = (reasons, []) if bad else ([], reasons)
+    return _said(*both, verdict["noise_factor"], verdict["nothing_found"])
 
 
 def _where(local) -> str:
