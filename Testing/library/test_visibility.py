@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from elastoidentify import InputError
 from elastoidentify.fem.elastic_constants import lame_from_young
+from elastoidentify.fem.forward import box_mesh
 from elastoidentify.fem.mesh import make_mesh
 from elastoidentify.imaging.image import Image
 from elastoidentify.inverse import regularized, visibility
@@ -82,6 +83,21 @@ def test_the_report_says_what_could_be_seen_and_less_noise_shows_more():
     fine, coarse = (found(case, noise).report["smallest_visible"] for noise in (0.002, 0.02))
     assert fine["typical"] <= fine["worst"]
     assert fine["here"] < coarse["here"]
+
+
+def test_in_space_no_lesion_that_the_mesh_hardly_resolves_counts_as_seen():
+    """A uniform body, strained alike everywhere, with hardly any noise: d′ is huge for any size."""
+    points, cells = box_mesh((4, 4, 4), (1.0, 1.0, 1.0), "tetra")
+    rng = np.random.default_rng(0)
+    strains = 0.01 * rng.standard_normal((3, 3, 3))
+    u = points @ strains + 1e-6 * rng.standard_normal((3, *points.shape))
+    pad = points[cells].mean(axis=1)[:, 2] > 0.75
+    outside = ((points < 1e-9) | (points > 1 - 1e-9)).any(axis=1)
+    seen = ei.identify(
+        points, [("tetra", cells)], u, np.where(pad[:, None], [1.0, 0.3], np.nan),
+        reaction_nodes=outside, method="regularized", unknowns="young", poisson_ratio=0.3,
+    ).report["smallest_visible"]  # fmt: skip
+    assert seen["here"] >= 5 / 125 ** (1 / 3) - 1e-9  # 125 nodes
 
 
 def block(rigid_below=True):

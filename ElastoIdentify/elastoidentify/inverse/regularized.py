@@ -31,7 +31,7 @@ from .problem import Estimate, Problem
 from .ratio_checks import ratio_checks
 from .sharpening import UNSHARPENED, rule, sharpen
 from .structure import found_structure
-from .visibility import smallest_visible
+from .visibility import resolved, smallest_visible
 
 VARIATIONAL_STEPS, POSTERIOR_STEPS = 20, 2
 SETTLED = 0.1  # largest change of a log-modulus in the last variational step
@@ -308,7 +308,7 @@ class _Fit:
             self.visible = smallest_visible(
                 self.state, self.misfit, self.scale, unknowns.per_group,
                 mesh.centres[~unknowns.known], float(np.median(mesh.volumes) ** (1 / mesh.dim)),
-                place, self.tell,
+                place, self.tell, resolved(mesh.volumes.sum() / mesh.n_nodes, mesh.dim),
             )  # fmt: skip
 
     @property
