@@ -4,10 +4,8 @@ The filters of the menus in a script, between ParaView's own: a block is pushed,
 what is stiff, measured, and drawn in its pushed shape. `elastoidentify paraview pvpython
 in_paraview.py` runs it; where there is no display, with `xvfb-run -a` in front.
 
-Two things in the map are not so. A cell in either bottom corner, of which one node only is free,
-comes out stiff; its standard deviation says how little that means. Below the inclusion a row of
-cells has a value between tissue and inclusion, and there the standard deviation is too small: it
-does not know that the edge is drawn through the wrong row.
+One thing in the map is not so. A cell in either bottom corner, of which one node only is free,
+comes out stiff; its standard deviation says how little that means.
 """
 
 from paraview.simple import (
