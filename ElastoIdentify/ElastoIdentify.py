@@ -605,7 +605,10 @@ def _header(unit=""):
 
 
 def _asSentence(text):
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+    first = text.split(" ", 1)[0]
+    if "_" not in first:  # else it is the name of an option
+        text = text[:1].upper() + text[1:]
+    return text.rstrip(".") + "."
 
 
 def _swatch(colour):

@@ -93,7 +93,7 @@ def test_the_unit_of_the_pad_is_the_unit_of_the_map(method, seed, power, law):
 @given(seed=seeds, power=powers)
 def test_the_size_of_a_small_strain_push_does_not_matter(method, seed, power):
     one = pushed_body(seed=seed)
-    scaled = np.array(one.trials) * 10**power
+    scaled = np.array(one.trials) * 10 ** -abs(power)  # larger ones may turn cells inside out
     assert_same_map(identify(one, method), identify(one, method, trials=scaled), tolerance=1e-8)
 
 

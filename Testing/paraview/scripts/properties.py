@@ -135,7 +135,8 @@ stiffness.Method = "global"
 stiffness.KnownMaterials = [1, 4000, 0.4]  # there is no label 7,
 stiffness.ReferenceLabel = 0  # nor 4
 stiffness.Slip, stiffness.OutOfPlane = [], []
-stiffness.PoissonStd = stiffness.OutOfPlaneStd = 0.0  # for which global has no estimate
+stiffness.PoissonStd = stiffness.OutOfPlaneStd = 0.0  # for which global has no estimate,
+stiffness.Explore = 0  # and no weights
 stiffness.UpdatePipeline()
 assert "Residual_2" in stiffness.PointData
 assert "Residual_3" not in stiffness.PointData
