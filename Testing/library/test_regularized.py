@@ -244,9 +244,14 @@ def test_finite_strain_fit_survives_a_patch_that_is_not_measured():
         element="linear",
     )  # fmt: skip  (the cells that made the displacements)
     error, flat = np.abs([result.young / young - 1, 1 / young - 1])[:, np.isnan(known[:, 0])]
-    print(f"mean error of E {error.mean():.3f} (flat guess {flat.mean():.3f})")
-    assert error.mean() < 2 * flat.mean()
-    assert 5 < np.median(result.young[young > 1]) < 11
+    open_, far = np.isnan(result.young), np.hypot(*(centre - 0.5).T)
+    print(
+        f"mean error of E {np.nanmean(error):.3f} (flat guess {flat.mean():.3f}), "
+        f"{open_.sum()} of {(far < 0.25).sum()} cells of the patch open"
+    )
+    assert far[open_].max(initial=0) < 0.3  # what is not measured may stay open, nothing else
+    assert np.nanmean(error) < 2 * flat.mean()
+    assert 5 < np.nanmedian(result.young[young > 1]) < 11
 
 
 @pytest.mark.parametrize("angle", [90, 37])
