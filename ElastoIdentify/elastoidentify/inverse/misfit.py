@@ -101,6 +101,10 @@ class Misfit:
         """Return per term and trial measured − computed, (k, 1)."""
         return [[o.residual[:, None] for o in term] for term in self.terms]
 
+    def of_first_term(self, numbers) -> list[list[np.ndarray]]:
+        """Return numbers per term and trial: those given in the first term, none in the others."""
+        return [numbers, *[[0 * r for r in term] for term in self.residuals()[1:]]]
+
     def noise(self, random: np.random.Generator, m: int, scale: float, shared: bool = False):
         """Return per term and trial m samples of the measurements' errors, (k, m).
 

@@ -28,7 +28,7 @@ import scipy.sparse as sp
 
 from ..linalg.factor import Factoriser
 from .equilibrium import State
-from .misfit import Misfit
+from .misfit import Misfit, difference
 
 TOLERANCE, LIMIT = 0.003, 300  # of the conjugate gradients: relative residual, steps
 REFIT = 0.003  # tolerance of the held nodes' motion alone
@@ -164,9 +164,7 @@ class ReducedSystem:
         seen = misfit.seen(dx, state.change(dx, at_rest))
         db = self._held_motion(state, misfit, seen, tell, COARSE)
         like = misfit.seen(None, state.change(None, db))
-        return [
-            [a - b for a, b in zip(*parts, strict=True)] for parts in zip(seen, like, strict=True)
-        ]
+        return difference(seen, like)
 
     def _held_motion(self, state, misfit, numbers, tell, tolerance, least=0.0):
         """The db of each trial, (n_held, m), that comes nearest to numbers, dx held fast."""

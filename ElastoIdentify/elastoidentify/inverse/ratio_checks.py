@@ -97,7 +97,7 @@ def _shifts(fit, labels):
     # the finite elements' own error, which looks like a ν, too
     of_cells = np.zeros(m)
     if fit.gap:
-        gap = [fit.gap, *[[0 * r for r in term] for term in misfit.residuals()[1:]]]
+        gap = misfit.of_first_term(fit.gap)
         of_cells = misfit.gram(beside(left, gap), fit.scale)[:m, m]
     return [
         (s / c, float(np.hypot(1 / np.sqrt(c), g / c))) if c > 0 else (np.nan, np.nan)

@@ -273,8 +273,7 @@ class _Fit:
         if not gap or contradicted(gap, [one.residual for one in self.misfit.terms[0]]):
             return
         self.gap = gap
-        numbers = [gap, *[[0 * o.residual[:, None] for o in t] for t in self.misfit.terms[1:]]]
-        zero = np.zeros((self.parameters.n, 1))
+        numbers, zero = self.misfit.of_first_term(gap), np.zeros((self.parameters.n, 1))
         self.bias = self.system.solve(zero, numbers, tell=self.tell)[0][:, 0]
 
     def _model_misfit(self):

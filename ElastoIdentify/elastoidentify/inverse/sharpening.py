@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .misfit import beside
+from .misfit import beside, difference
 
 STEPS = 15
 SETTLED, ROUGHLY = 0.05, 0.1  # largest change of a log-modulus in the last step; with noise added
@@ -127,14 +127,14 @@ class Stein:
             dx, db = fit.system.solve(nothing, noise, tell=fit.tell)
             seen = fit.misfit.seen(dx, fit.state.change(dx, db))
             eta = fit.forward.moved(fit.state, dx[:, 0], [b[:, 0] for b in db])
-            left = _sum(plain.residuals, _sum(noise, seen, -1.0))
+            left = difference(plain.residuals, difference(seen, noise))
             self.starts.append(Map(UNSHARPENED, plain.x + dx[:, 0], eta, left))
 
     def judged(self, one: Map) -> Map:
         """Return the map with its misfit and freedom."""
         freedom = 0.0
         for noise, again in zip(self.added, self._again(one), strict=True):
-            answer = _sum(noise, _sum(again, one.residuals, -1.0), -1.0)
+            answer = difference(noise, difference(again, one.residuals))
             freedom += self._product(noise, answer) / len(self.added)
         return replace(one, misfit=self._product(one.residuals, one.residuals), freedom=freedom)
 
@@ -156,7 +156,7 @@ class Stein:
 
     def doubt(self, one: Map, other: Map) -> float:
         """Return the standard deviation of the gain that the noise makes."""
-        apart = _sum(one.residuals, other.residuals, -1.0)
+        apart = difference(one.residuals, other.residuals)
         return 2 * np.sqrt(max(self._product(apart, apart), 0.0) / self.noise)
 
     def _product(self, a, b):
@@ -208,10 +208,3 @@ def _here(fit, exponent) -> Map:
 def _go_to(fit, one: Map):
     fit.x, fit.eta = one.x, one.eta
     fit.evaluate()
-
-
-def _sum(a, b, factor=1.0):
-    """a + factor·b of numbers per term and trial."""
-    return [
-        [p + factor * q for p, q in zip(*parts, strict=True)] for parts in zip(a, b, strict=True)
-    ]
