@@ -2,9 +2,11 @@
 
 import importlib.util
 import os
+import socket
 import subprocess
 import sys
 import sysconfig
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,8 +57,56 @@ def virtual_display():
         with os.fdopen(reading) as answer:
             yield ":" + answer.readline().strip()
     finally:
-        server.terminate()
-        server.wait()
+        end(server)
+
+
+@contextmanager
+def listening_server(log: Path):
+    """A pvserver as long as the context lasts, which prints into `log`; yields its port.
+
+    Between the choice of a free port and its use another program may take it: then the server ends,
+    and the next port is tried. A file is read and not a pipe: MPI's helper holds a pipe open when
+    the server has ended, and who reads from it waits for ever.
+    """
+    program("pvserver")
+    for _ in range(3):
+        with socket.socket() as free:
+            free.bind(("localhost", 0))
+            port = free.getsockname()[1]
+        with log.open("w") as output:
+            server = subprocess.Popen(
+                [*LAUNCHER, "pvserver", f"--server-port={port}"],
+                env=environment(),
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        try:
+            if within(60, lambda: "Accepting connection" in log.read_text(), server):
+                yield port
+                return
+        finally:
+            end(server)
+    pytest.fail(f"no pvserver within three attempts: {log.read_text()}")
+
+
+def within(seconds: float, happened, process: subprocess.Popen) -> bool:
+    """Wait until something has happened; False where the process or the time ends before."""
+    latest = time.monotonic() + seconds
+    while not happened():
+        if process.poll() is not None or time.monotonic() > latest:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def end(process: subprocess.Popen, patience=20.0):
+    """Ask a process to end, and make it where it does not."""
+    process.terminate()
+    try:
+        process.wait(patience)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def mpirun(ranks: int):

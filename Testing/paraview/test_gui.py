@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pytest
 from hosts import program
-from paraview_host import HERE, LAUNCHER, PACKAGES, environment, run
+from paraview_host import HERE, LAUNCHER, PACKAGES, end, environment, run, within
 
 WINDOW = "pqClientMainWindow"
 SCROLL = "qt_scrollarea_viewport"
@@ -110,20 +110,20 @@ def application(tmp_path, display, arguments, ends, picture=None, meanwhile=None
             stderr=subprocess.STDOUT,
         )
         try:
-            for _ in range(1200):
-                time.sleep(0.1)
-                text = log.read_text()
+
+            def ended():
                 if meanwhile:
                     meanwhile()
-                if any(end in text for end in ends) or window.poll() is not None:
-                    break
+                return any(words in log.read_text() for words in ends)
+
+            within(120, ended, window)
+            text = log.read_text()
             if picture:
                 time.sleep(1.0)  # the last rendering
                 shoot(display, picture)
             alive = window.poll() is None
         finally:
-            window.terminate()
-            window.wait()
+            end(window)
     return alive, text
 
 
@@ -137,7 +137,7 @@ def shoot(display, picture, trim=True):
         *(["-trim"] if trim else []),
         str(picture),
     ]
-    subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True)
+    subprocess.run(command, env={**os.environ, "DISPLAY": display}, check=True, timeout=60)
 
 
 def identified(young, expected):

@@ -1,6 +1,5 @@
 """Proxies in the real pvpython and pvbatch."""
 
-import socket
 import subprocess
 import sys
 import time
@@ -8,7 +7,15 @@ import time
 import numpy as np
 import pytest
 from hosts import program
-from paraview_host import HERE, LAUNCHER, PACKAGES, environment, python_with, run
+from paraview_host import (
+    HERE,
+    LAUNCHER,
+    PACKAGES,
+    environment,
+    listening_server,
+    python_with,
+    run,
+)
 
 PLUGIN = PACKAGES / "elastoidentify" / "paraview" / "ElastoIdentifyPlugin.py"
 
@@ -173,22 +180,6 @@ def test_the_tests_of_the_filters_hold_with_paraviews_vtk():
 
 
 @pytest.mark.slow
-def test_a_failure_on_a_server_raises_on_the_client(script):
-    with socket.socket() as free:
-        free.bind(("localhost", 0))
-        port = free.getsockname()[1]
-    program("pvserver")
-    server = subprocess.Popen(
-        [*LAUNCHER, "pvserver", f"--server-port={port}"],
-        env=environment(),
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        for line in server.stdout:
-            if "Accepting connection" in line:
-                break
+def test_a_failure_on_a_server_raises_on_the_client(script, tmp_path):
+    with listening_server(tmp_path / "server.txt") as port:
         script("remote.py", port)
-    finally:
-        server.terminate()
-        server.wait()
