@@ -65,8 +65,7 @@ def listening_server(log: Path):
     """A pvserver as long as the context lasts, which prints into `log`; yields its port.
 
     Between the choice of a free port and its use another program may take it: then the server ends,
-    and the next port is tried. A file is read and not a pipe: MPI's helper holds a pipe open when
-    the server has ended, and who reads from it waits for ever.
+    and the next port is tried.
     """
     program("pvserver")
     for _ in range(3):
