@@ -768,7 +768,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
     def reportOf(model):
         """Say what :meth:`report` says, of the model of a result."""
         from elastoidentify.report.sentences import verdict_line
-        from elastoidentify.results import Status
+        from elastoidentify.results import Status, is_found
         from elastoidentify.vtk_io.arrays import read_report
         from ElastoIdentifyLib.translation import translated
 
@@ -779,7 +779,7 @@ class ElastoIdentifyLogic(ScriptedLoadableModuleLogic):
         found = _(
             "{found} of {cells} cells identified, {open} not determined (method {method})."
         ).format(
-            found=int((status == Status.IDENTIFIED).sum()),
+            found=int((is_found(status) & (status != Status.KNOWN)).sum()),
             cells=int((status != Status.KNOWN).sum()),
             open=int((status == Status.NOT_DETERMINED).sum()),
             method=report.get("method", "?"),

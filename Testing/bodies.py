@@ -163,8 +163,13 @@ def dense_balance(one):
     return A / np.where(norm > 0, norm, 1)
 
 
-def determined_cells(one, gap=(1e-12, 1e-9), part=(1e-9, 1e-5)):
-    """Which cells the null space of the dense balance matrix leaves alone. (n_cells,) bool
+def determined_cells(one):
+    """Which cells the null space of the dense balance matrix leaves alone. (n_cells,) bool"""
+    return determined_constants(one).all(axis=1)
+
+
+def determined_constants(one, gap=(1e-12, 1e-9), part=(1e-9, 1e-5)):
+    """Which λ and which μ the null space of the dense balance matrix leaves alone. (n_cells, 2)
 
     The singular values must leave a `gap` between those that are zero and the rest, and so must
     the part that columns have in the null space: where they do not, the question has no answer
@@ -175,8 +180,8 @@ def determined_cells(one, gap=(1e-12, 1e-9), part=(1e-9, 1e-5)):
     assert not ((s > gap[0]) & (s < gap[1])).any(), "no clear rank: choose another body"
     null = np.linalg.norm(Vt[s <= gap[0]], axis=0)
     assert not ((null > part[0]) & (null < part[1])).any(), "no clear null space: another body"
-    answer = one.known.copy()
-    answer[~one.known] = (null.reshape(-1, 2) <= part[0]).all(axis=1)
+    answer = np.repeat(one.known[:, None], 2, axis=1)
+    answer[~one.known] = null.reshape(-1, 2) <= part[0]
     return answer
 
 

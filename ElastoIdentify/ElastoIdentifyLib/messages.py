@@ -171,6 +171,7 @@ TEMPLATES = (
     _("there is no equation: every node of an unknown cell is marked as a reaction node; mark only those where an outside body may push"),
     _("{0}: add trials, choose unknowns 'young', group by label, or use method 'regularized'"),
     _("no node on the surface is marked as a reaction node, so that balance was asked also where the body is held or pushed: mark those nodes (reaction nodes, in files the point array ReactionNodes)"),
+    _("in {0} of {1} unknown cells μ alone is determined (Status 4: λ, E and ν have no value)"),
     _("{0} of {1} unknown cells are not determined by these data (Status 0, no value)"),
     _("the typical error of μ is {0} of its value: the map is mostly noise; use method 'regularized', larger pushes or better images"),
     _("{0} of {1} unknown cells came out with moduli that no stable material has (Status 3): noise, or kinematics that do not fit the push"),

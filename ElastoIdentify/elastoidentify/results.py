@@ -34,6 +34,7 @@ class Status(IntEnum):
     KNOWN = 1
     IDENTIFIED = 2
     OUT_OF_RANGE = 3
+    SHEAR_ONLY = 4  # μ is determined, λ is not, nor what follows from both: E and ν
 
     @property
     def words(self) -> str:
@@ -42,12 +43,13 @@ class Status(IntEnum):
 
 
 FOUND = (Status.KNOWN, Status.IDENTIFIED)
-"""The status of cells whose values can be read."""
+"""The status of cells whose values can all be read."""
 
 
-def is_found(status: np.ndarray) -> np.ndarray:
-    """Tell which cells have a value that can be read."""
-    return np.isin(status, FOUND)
+def is_found(status: np.ndarray, array: str = "Mu") -> np.ndarray:
+    """Tell which cells have a value of a quantity, μ unless it is said, that can be read."""
+    shear = array in ("Mu", "MuStd")
+    return np.isin(status, (*FOUND, Status.SHEAR_ONLY) if shear else FOUND)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from elastoidentify.imaging.io import read_image
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom
 from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
 from elastoidentify.pipeline import make_mesh, measure, run
-from elastoidentify.results import to_matrices
+from elastoidentify.results import Status, to_matrices
 from elastoidentify.study import Study
 from elastoidentify.workers.elastix_client import ElastixProcess
 
@@ -107,6 +107,7 @@ def identified(phantom, way: str, mesh, registration, **options) -> dict:
         "inside": inside[unknown].tolist(),
         "mu": result.mu[unknown].tolist(),
         "std": result.mu_std[unknown].tolist(),
+        "alone": (result.status == Status.SHEAR_ONLY)[unknown].tolist(),
         "true": np.where(inside, true[LESION], true[TISSUE])[unknown].tolist(),
         "flat": true[PAD],
         "labels": [_of_label(row, true) for row in result.statistics if row["label"] != PAD],
@@ -169,9 +170,12 @@ def report(cases: list[dict]) -> None:
         if not maps:
             continue
         for name, wanted in (("lesion", True), ("tissue", False)):
-            mu, std, true, flat = _cells(maps, wanted)
+            mu, std, true, flat, alone = _cells(maps, wanted)
             off, none = np.nanmean(np.abs(np.log(mu / true))), np.abs(np.log(flat / true)).mean()
             print(f"| {way} | {name} | {shares((mu - true) / std)} | {off:.3f} | {none:.3f} |")
+            if alone.any():
+                here = shares(((mu - true) / std)[alone.astype(bool)])
+                print(f"| {way} | {name}, of which μ alone: {alone.mean():.1%} | {here} | | |")
     rows = [row for case in cases for row in case.get("label", {"labels": []})["labels"]]
     for name, label, key in (
         ("lesion", LESION, "mean"), ("tissue", TISSUE, "mean"), ("ratio", LESION, "ratio"),
@@ -183,12 +187,12 @@ def report(cases: list[dict]) -> None:
 
 
 def _cells(maps, wanted: bool):
-    """Join value, standard deviation, truth and flat guess of the cells in or out of the lesion."""
+    """Join values, deviations, truth, flat guess and μ alone of cells in or out of the lesion."""
     parts = []
     for one in maps:
         here = np.array(one["inside"], bool) == wanted
         parts.append([np.array(one[key], float)[here] for key in ("mu", "std", "true")])
-        parts[-1].append(np.full(here.sum(), one["flat"]))
+        parts[-1] += [np.full(here.sum(), one["flat"]), np.array(one["alone"], float)[here]]
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 

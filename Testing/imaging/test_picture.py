@@ -16,6 +16,7 @@ from elastoidentify.imaging.image import Image
 from elastoidentify.inverse.statistics import cell_errors, label_statistics
 from elastoidentify.report.picture import section
 from elastoidentify.report.table import table_text, with_truth, write_table
+from elastoidentify.results import Status
 from elastoidentify.vtk_io.convert import mesh_to_vtk, set_array
 from elastoidentify.vtk_io.picture import draw
 from matplotlib.image import imread
@@ -98,12 +99,29 @@ def test_cells_without_a_value_are_hatched_and_explained(tmp_path, square):
     draw(tmp_path / "all.png", map_of(points, cells, status))
     status[points[cells].mean(1)[:, 1] < 30] = 0
     draw(tmp_path / "half.png", map_of(points, cells, status))
-    grey = [
-        (np.ptp(picture, axis=-1) < 0.01) & (np.abs(picture[..., 0] - 0.85) < 0.03)
-        for picture in (pixels(tmp_path / "all.png"), pixels(tmp_path / "half.png"))
-    ]
-    assert grey[0].mean() < 0.03  # letters and lines
-    assert grey[1].mean() > grey[0].mean() + 0.08
+    all_found, half_found = hatched(tmp_path / "all.png"), hatched(tmp_path / "half.png")
+    assert all_found.mean() < 0.03  # letters and lines
+    assert half_found.mean() > all_found.mean() + 0.08
+
+
+def test_where_mu_alone_is_determined_it_is_shown_and_lambda_is_hatched(tmp_path, square):
+    points, cells = square
+    status = np.full(len(cells), Status.SHEAR_ONLY, np.uint8)
+    draw(tmp_path / "alone.png", map_of(points, cells, status))
+    draw(tmp_path / "none.png", map_of(points, cells, 0 * status))
+    alone, none = (
+        [part.mean() for part in np.array_split(hatched(tmp_path / name), 3, axis=1)]
+        for name in ("alone.png", "none.png")
+    )  # fmt: skip
+    for panel, shown in enumerate((True, False, True)):  # μ, λ and the uncertainty of μ
+        assert none[panel] > 0.2
+        assert alone[panel] < 0.05 if shown else alone[panel] > 0.2
+
+
+def hatched(file):
+    """Which pixels are of the grey behind hatches."""
+    picture = pixels(file)
+    return (np.ptp(picture, axis=-1) < 0.01) & (np.abs(picture[..., 0] - 0.85) < 0.03)
 
 
 def test_of_a_volume_a_section_is_drawn(tmp_path):

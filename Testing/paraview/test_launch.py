@@ -153,7 +153,7 @@ def test_cells_without_a_value_have_a_colour_of_their_own():
     for array in ("Lambda", "Mu", "YoungModulus", "PoissonRatio", "LambdaStd", "MuStd"):
         assert tables[array]["PVLookupTable"]["NanColor"] == display.NOT_DETERMINED
     status = tables["Status"]["PVLookupTable"]
-    assert status["Annotations"][::2] == ["0", "1", "2", "3"]
+    assert status["Annotations"][::2] == ["0", "1", "2", "3", "4"]
 
 
 @pytest.mark.parametrize("array", ["Label", "ReactionNodes", "Status"])

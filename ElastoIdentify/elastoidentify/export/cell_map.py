@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError
-from ..results import QUANTITIES, Status
+from ..results import QUANTITIES, is_found
 
 TO_KILOPASCAL = {
     "pa": 1e-3, "n/m²": 1e-3, "n/m2": 1e-3, "hpa": 0.1, "mbar": 0.1, "kpa": 1.0,
@@ -104,8 +104,8 @@ class CellMap:
 
     @property
     def not_determined(self) -> np.ndarray:
-        """Which cells have no value that can be read."""
-        return np.isin(self.status, (Status.NOT_DETERMINED, Status.OUT_OF_RANGE))
+        """Which cells have no value, not even of μ, that can be read."""
+        return ~is_found(self.status)
 
 
 def kilopascal(unit: str) -> float:

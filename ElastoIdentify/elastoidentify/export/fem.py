@@ -21,6 +21,7 @@ from ..fem.elastic_constants import lame_from_young
 from ..fem.mesh import make_mesh, plane_frame
 from ..imaging.io import check_outputs, write_whole
 from ..installation import needs
+from ..results import is_found
 from .cell_map import CellMap
 
 MESHIO_SUFFIXES = (".vtu", ".vtk", ".msh")
@@ -146,17 +147,27 @@ def filled_constants(result: CellMap, fill: str | float | None = None):
     if fill != "label":
         young[lacking] = _positive(fill)
         return young, poisson, [f"{lacking.sum()} cells without a value got E = {float(fill):g}"]
+    shear = lacking & is_found(result.status)  # these have μ, and want ν alone
     for label in np.unique(result.labels[lacking]):
         here = np.asarray(result.labels) == label
-        if not (here & ~lacking).any():
+        if (here & ~lacking).any():
+            weights = sizes[here & ~lacking]
+            young[here & lacking] = np.average(young[here & ~lacking], weights=weights)
+            poisson[here & lacking] = np.average(poisson[here & ~lacking], weights=weights)
+        elif (here & ~shear).any():
             raise InputError(
                 f"no cell of {result.name_of(label)} has a value, so there is no mean: give a "
                 "Young's modulus, --fill 5000"
             )
-        weights = sizes[here & ~lacking]
-        young[here & lacking] = np.average(young[here & ~lacking], weights=weights)
-        poisson[here & lacking] = np.average(poisson[here & ~lacking], weights=weights)
-    return young, poisson, [f"{lacking.sum()} cells without a value got the mean of their label"]
+    notes = []
+    if shear.any():
+        young[shear] = 2 * (1 + poisson[shear]) * np.asarray(result.values["Mu"])[shear]
+        notes.append(f"{shear.sum()} cells of which μ alone is known got a mean ν")
+    if (lacking & ~shear).any():
+        notes.append(
+            f"{(lacking & ~shear).sum()} cells without a value got the mean of their label"
+        )
+    return young, poisson, notes
 
 
 def _positive(fill) -> float:

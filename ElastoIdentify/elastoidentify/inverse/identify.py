@@ -18,7 +18,7 @@ from ..fem.elastic_constants import (
 )
 from ..fem.mesh import Mesh
 from ..progress import Progress, silent
-from ..results import Status
+from ..results import Status, is_found
 from ..study import check_material
 from . import border
 from .balance_system import BalanceSystem
@@ -590,21 +590,26 @@ def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationRe
     status = np.full(len(mu), Status.IDENTIFIED, np.uint8)
     status[~admissible(lam, mu)] = Status.OUT_OF_RANGE
     with np.errstate(invalid="ignore"):
-        lost = ~(np.isfinite(lam) & np.isfinite(mu) & (mu_std < np.abs(mu)))
-        if problem.unknowns.ratio is None:  # else λ follows from ν, whose error is stated
-            # λ of a material like cork is zero, and then its error is measured by μ
-            lost |= ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
+        lost = ~(mu_std < np.abs(mu))
+        # λ of a material like cork is zero, and then its error is measured by μ
+        shear_only = ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
+        if problem.unknowns.ratio is not None:  # λ follows from ν, whose error is stated
+            shear_only[:] = False
+        lost |= shear_only & ~(mu > 0)
+    status[shear_only] = Status.SHEAR_ONLY
     status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
     status[problem.inverted] = Status.NOT_DETERMINED  # no body moves so
     status[known] = Status.KNOWN
     residuals = _residuals(problem, estimate)
-    none = status == Status.NOT_DETERMINED
+    none, no_lambda = status == Status.NOT_DETERMINED, ~is_found(status, "Lambda")
+    no_lambda &= status != Status.OUT_OF_RANGE
     young, poisson = young_from_lame(lam, mu)
     errors = with_edges(errors, lam, mu, estimate.edges)
     lam_std, mu_std = errors.std("Lambda"), errors.std("Mu")
     young_std, poisson_std = errors.std("YoungModulus"), errors.std("PoissonRatio")
-    for array in (lam, mu, lam_std, mu_std, young, poisson, young_std, poisson_std):
-        array[none] = np.nan
+    mu[none] = mu_std[none] = np.nan
+    for array in (lam, lam_std, young, poisson, young_std, poisson_std):
+        array[no_lambda] = np.nan
     order = np.where(none, -1, estimate.order).astype(np.int32)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = (mu_std / np.abs(mu))[~known & ~none]
@@ -657,6 +662,12 @@ def _found_warnings(status, known, typical):
     warnings, n = [], int((~known).sum())
     lost = int((status == Status.NOT_DETERMINED).sum())
     out = int((status == Status.OUT_OF_RANGE).sum())
+    shear_only = int((status == Status.SHEAR_ONLY).sum())
+    if shear_only:
+        warnings.append(
+            f"in {shear_only} of {n} unknown cells μ alone is determined (Status 4: λ, E and ν "
+            "have no value)"
+        )
     if lost:
         warnings.append(
             f"{lost} of {n} unknown cells are not determined by these data (Status 0, no value)"

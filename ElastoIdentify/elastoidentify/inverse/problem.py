@@ -111,16 +111,14 @@ class Estimate:
 
 def estimate_from_theta(problem: Problem, theta, errors, order=None, **report) -> Estimate:
     """Return the Estimate of parameters θ (NaN: not found) and samples of their error."""
-    unknowns = problem.unknowns
-    missing = ~np.isfinite(theta).reshape(-1, unknowns.per_group).all(axis=1)
-    theta = np.where(np.isfinite(theta), theta, 0)
-    lam, mu = unknowns.moduli(theta)
+    unknowns, missing = problem.unknowns, ~np.isfinite(theta)
+    lam, mu = unknowns.moduli(np.where(missing, 0, theta))
+    errors = np.where(missing[:, None], 0, errors)
     lam_errors, mu_errors = unknowns.lam @ errors, unknowns.mu @ errors
+    for rows, *arrays in ((unknowns.lam, lam, lam_errors), (unknowns.mu, mu, mu_errors)):
+        for array in arrays:
+            array[rows @ missing.astype(float) != 0] = np.nan
     cells = ~unknowns.known
-    for array in (lam, mu, lam_errors, mu_errors):
-        part = array[cells]
-        part[missing[unknowns.group[cells]]] = np.nan
-        array[cells] = part
     steps = np.full(len(lam), -1)
     if order is not None:
         steps[cells] = order[unknowns.group[cells]]

@@ -73,11 +73,12 @@ def label_statistics(
     -------
     list of dict
         ``label``; ``given`` (all its cells were known beforehand); ``cells``; ``size`` (area or
-        volume of all of them); ``determined`` (share of that size in cells known or identified,
-        0 to 1). For each quantity, over those cells: ``mean`` (weighted with the cells' sizes),
-        ``median``, ``spread`` (weighted standard deviation between cells), ``standard error`` of
-        the mean. ``Mu ratio`` of the means to that of the label ``reference``, and its standard
-        error, in which errors that both have in common cancel. NaN where nothing was found.
+        volume of all of them); ``determined`` (share of that size in cells whose μ is known or
+        identified, 0 to 1). For each quantity, over the cells that have it: ``mean`` (weighted with
+        the cells' sizes), ``median``, ``spread`` (weighted standard deviation between cells),
+        ``standard error`` of the mean. ``Mu ratio`` of the means to that of the label
+        ``reference``, and its standard error, in which errors that both have in common cancel. NaN
+        where nothing was found.
     """
     found = is_found(status)
     values = dict(zip(("YoungModulus", "PoissonRatio"), young_from_lame(lam, mu), strict=True))
@@ -97,7 +98,8 @@ def label_statistics(
         }
         for quantity in VALUES:
             name = quantity.array
-            row |= _figures(name, values[name], getattr(errors, name), weights)
+            here_found = np.where(here & is_found(status, name), sizes, 0.0)
+            row |= _figures(name, values[name], getattr(errors, name), here_found)
         row |= _ratio(_label_mean(values["Mu"], errors.Mu, weights), base)
         rows.append(row | {"reference": reference})
     return rows

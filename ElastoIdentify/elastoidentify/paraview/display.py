@@ -23,6 +23,7 @@ STATUS_COLOURS = {
     Status.KNOWN: [0.55, 0.55, 0.55],
     Status.IDENTIFIED: [0.13, 0.57, 0.55],
     Status.OUT_OF_RANGE: [0.85, 0.10, 0.10],
+    Status.SHEAR_ONLY: [0.56, 0.84, 0.27],
 }
 LABELS = [
     [0.80, 0.80, 0.80],

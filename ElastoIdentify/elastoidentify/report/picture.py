@@ -269,13 +269,13 @@ def _draw_rest(axes, rest: Image, frame: Image, drawing: Drawing) -> None:
 
 def _draw_modulus(figure, axes, drawing: Drawing, arrays, quantity: str, unit: str) -> None:
     """Draw μ or λ with its colour bar."""
-    values = np.where(is_found(arrays["Status"]), arrays[quantity], np.nan)[drawing.cells]
+    values = np.where(is_found(arrays["Status"], quantity), arrays[quantity], np.nan)[drawing.cells]
     factor, name = _unit(values, unit)
     finite = values[np.isfinite(values)] * factor
     low, high = 0.0, _highest(finite)
     title = {"Mu": "shear modulus μ", "Lambda": "Lamé constant λ"}[quantity]
     patches = _polygons(axes, drawing, values * factor, MODULI, low, high)
-    _hatch(axes, drawing, arrays["Status"])
+    _hatch(axes, drawing, arrays["Status"], quantity)
     _outline(axes, drawing)
     axes.set_title(title)
     label = f"{QUANTITIES[quantity].symbol} ({name})" if name else QUANTITIES[quantity].symbol
@@ -289,7 +289,7 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
     status = arrays["Status"]
     with np.errstate(invalid="ignore", divide="ignore"):
         share = 100 * arrays["MuStd"] / np.abs(arrays["Mu"])
-    values = np.where(status == Status.IDENTIFIED, share, np.nan)[drawing.cells]
+    values = np.where(is_found(status) & (status != Status.KNOWN), share, np.nan)[drawing.cells]
     finite = values[np.isfinite(values)]
     high = _highest(finite)
     patches = _polygons(axes, drawing, values, UNCERTAINTY, 0.0, high)
@@ -299,7 +299,7 @@ def _draw_uncertainty(figure, axes, drawing: Drawing, arrays) -> None:
         _polygons(axes, drawing, np.where(given, 0.0, np.nan), "Greys", 0.0, 1.0)
         centre = (corners.min(0) + corners.max(0)) / 2
         axes.text(*centre, "given", ha="center", va="center", color="0.35")
-    _hatch(axes, drawing, status)
+    _hatch(axes, drawing, status, "Mu")
     _outline(axes, drawing)
     axes.set_title("uncertainty of μ")
     extend = "max" if (finite > high).any() else "neither"
@@ -325,10 +325,12 @@ def _polygons(axes, drawing: Drawing, values, colours: str, low: float, high: fl
     return patches
 
 
-def _hatch(axes, drawing: Drawing, status) -> None:
-    """Mark the cells without a value that can be trusted."""
+def _hatch(axes, drawing: Drawing, status, quantity: str) -> None:
+    """Mark the cells without a value of the quantity that can be trusted."""
     from matplotlib.collections import PolyCollection
 
+    lacking = ~is_found(status, quantity) & (status != Status.OUT_OF_RANGE)
+    status = np.where(lacking, Status.NOT_DETERMINED, status)
     for value, style in _marks().items():
         cells = np.flatnonzero(status[drawing.cells] == value)
         axes.add_collection(PolyCollection([drawing.polygons[i] for i in cells], **style))
@@ -367,9 +369,12 @@ def _legend(figure, arrays, drawing: Drawing) -> None:
         Status.NOT_DETERMINED: "not determined",
         Status.OUT_OF_RANGE: "outside the admissible range",
     }
+    # where μ alone is determined the panel of λ is hatched
+    occurs = {one: [one] for one in texts}
+    occurs[Status.NOT_DETERMINED].append(Status.SHEAR_ONLY)
     handles = []
     for value, style in _marks().items():
-        if (arrays["Status"][drawing.cells] == value).any():
+        if np.isin(arrays["Status"][drawing.cells], occurs[value]).any():
             handles.append(
                 Patch(
                     facecolor=style["facecolors"], edgecolor=style["edgecolors"],
