@@ -185,3 +185,17 @@ def test_the_meshers_border_is_that_of_the_finite_elements():
         points = made.points if made.cells.shape[1] == 4 else made.points[:, :2]
         mesh = make_mesh(points, [({3: "triangle", 4: "tetra"}[made.cells.shape[1]], made.cells)])
         np.testing.assert_array_equal(made.outer_border, mesh.boundary_nodes)
+
+
+def test_cells_that_are_coarser_than_the_displacements_are_exact_are_not_called_a_wrong_model(case):
+    """A right model: only the cells' error is left, which the finer solution knows of."""
+    noise = 0.0005
+    information = np.broadcast_to(np.eye(2) / noise**2, (*case.displacements.shape, 2))
+    exact = {"displacements": case.noisy(noise, 1), "information": information}
+    verdict = found(case, **exact).report["verdict"]
+    assert verdict["noise_factor"] > 1.6
+    assert verdict["level"] == "trust with care"
+    assert "more exact than the cells" in verdict["sentence"]
+    assert "the pad may slip" not in verdict["sentence"]
+    wrong = found(case, poisson_ratio=case.poisson + 0.02, **exact).report["verdict"]
+    assert wrong["level"] == "do not trust"

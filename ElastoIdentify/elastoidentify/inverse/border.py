@@ -14,19 +14,15 @@ from ..fem.contact import Pairs, on_two_sides, touching
 from ..fem.elements import CELL_TYPES
 from ..fem.mesh import Mesh, plane_frame
 from ..study import check_material
-from .inverted import MOST, folded
+from .inverted import MOST
 from .out_of_plane import Stretch
 
 NEAR_WHOLE = 1e-3  # what a label stored as a float may be off
 SAME = 1e-4  # of the largest displacement: what two copies of a node may differ by
 SKEW = 1e-6  # of a tensor's size: what rounding leaves of asymmetry, or below zero
-NOT_SMOOTH, ROUGH = 0.05, 0.5  # of what the same displacements in random order jump along edges
-SMOOTHER = 0.3  # in the reverse order: then it is hardly by chance
-FEW_NODES = 20
 SLIDES = 2  # mark of a reaction node on which an outside body slides
 FARTHEST = 1e15  # sizes of the mesh that displacements may reach; beyond, digits are lost
 MOST_STRETCH, WIDEST_STRETCH = 0.5, 0.1  # out of the plane, and its standard deviation
-SMALL_PUSH = 1e-4  # of the mesh's size
 
 
 def numbers(values, what: str) -> np.ndarray:
@@ -557,51 +553,6 @@ def check_displacements(frame: Frame, u: np.ndarray, trials: np.ndarray) -> None
             f"the displacements of trial {trials[absurd[0]]} reach {largest[absurd[0]]:.3g} on a "
             f"mesh of size {frame.size:.3g}: no body moves so; are the numbers displacements?"
         )
-
-
-def order_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
-    """Return sentences on displacements (t, n_given, c) in another order than the nodes."""
-    notes = []
-    for v, trial in zip(u, trials, strict=True):
-        rough = soundness.roughness(v, frame.ends)
-        back = soundness.roughness(v[::-1], frame.ends)
-        if back < SMOOTHER * rough and rough > NOT_SMOOTH:
-            notes.append(
-                f"the displacements of trial {trial} would be much smoother in the reverse order "
-                "of the nodes: are they those of this mesh?"
-            )
-        elif rough > ROUGH and len(frame.nodes) > FEW_NODES:
-            notes.append(
-                f"the displacements of trial {trial} jump from node to node as if in another order "
-                "than the nodes: are they those of this mesh?"
-            )
-    return notes
-
-
-def motion_notes(frame: Frame, u: np.ndarray, trials: np.ndarray) -> list[str]:
-    """Return sentences on displacements (t, n_nodes, d) that no body of this size has."""
-    notes = []
-    for v, trial in zip(u, trials, strict=True):
-        notes += _unit_notes(v, frame.size, trial)
-        cells = np.flatnonzero(folded(frame.mesh, v))
-        if len(cells):
-            notes.append(
-                f"the displacements of trial {trial} turn {len(cells)} of {frame.mesh.n_cells} "
-                f"cells inside out, the first is cell {cells[0]}: no body moves so; check the "
-                "registration there, or the order of the nodes"
-            )
-    return notes
-
-
-def _unit_notes(u, size, trial):
-    """Compare displacements (n, d) with the size of their mesh."""
-    spread = float(np.abs(u - u.mean(axis=0)).max(initial=0.0))
-    if SMALL_PUSH * size <= spread <= size or not spread:
-        return []
-    return [
-        f"the displacements of trial {trial} differ by {spread:.2g} on a mesh of size {size:.3g}: "
-        "are both in one unit of length?"
-    ]
 
 
 def pieces_of(mesh: Mesh, touch: np.ndarray | None = None) -> tuple[int, np.ndarray]:

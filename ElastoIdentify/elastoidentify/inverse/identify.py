@@ -20,7 +20,7 @@ from ..fem.mesh import Mesh
 from ..progress import Progress, silent
 from ..results import Status, is_found
 from ..study import check_material
-from . import border
+from . import border, motion
 from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
@@ -34,7 +34,7 @@ from .poisson import free as free_ratio
 from .problem import Problem
 from .ratio_checks import mean_strains
 from .statistics import CellErrors, cell_errors, label_statistics
-from .verdict import judge, one_direction
+from .verdict import judge
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
 LARGE_GRADIENT = 0.02  # of displacements: what small strain is good to
@@ -224,7 +224,7 @@ def identify(
         "model_misfit_missing": _why_no_misfit(estimate),
     }  # fmt: skip
     result.report["verdict"] = judge(
-        result.report, problem.noise.information is not None, one_direction(problem.displacements)
+        result.report, problem.noise.information is not None, problem.one_direction
     )
     progress(1.0, "identified")
     return result
@@ -404,15 +404,20 @@ def _cut_nodes(frame, outer_border, reaction):
 def _problem(frame, setting, u, metric, trials, method):
     """The Problem of the trials that are left; their numbers are for what is said about them."""
     border.check_displacements(frame, u, trials)
-    frame.notes += border.order_notes(frame, u, trials)
-    u, unbelieved = frame.to_plane(u[:, frame.nodes]), None
+    given, (u, unbelieved) = u, (frame.to_plane(u[:, frame.nodes]), None)
+    errors = _metric(setting.noise, metric, u)
+    still = np.array([errors is not None and motion.is_still(frame.mesh.points, v, errors[t])
+                      for t, v in enumerate(u)])  # fmt: skip
+    frame.notes += motion.still_notes(trials[still])
+    frame.notes += motion.order_notes(frame, given[~still], trials[~still])
     inside_out = np.stack([folded(frame.mesh, v) for v in u])
     # the other methods take every displacement as it is
     if may_be_mended(inside_out) and method in ("auto", "regularized"):
         spoiled = mended(frame.mesh, u, inside_out)
         frame.notes += spoiled.sentences(trials)
         u, unbelieved = spoiled.displacements, spoiled.nodes
-    frame.notes += border.motion_notes(frame, u, trials)
+    frame.notes += motion.size_notes(frame, u[~still], trials[~still])
+    frame.notes += motion.folded_notes(frame, u, trials)
     if metric is not None and setting.noise is not None:
         frame.notes.append(
             "the noise given was not used: the displacement information says how large the error "
@@ -422,8 +427,15 @@ def _problem(frame, setting, u, metric, trials, method):
     return Problem(
         frame.mesh, setting.law, u, setting.unknowns, setting.reaction, errors, setting.refine,
         setting.element, setting.labels, setting.slip, setting.sliding,
-        inverted=inside_out.any(axis=0),
+        inverted=inside_out.any(axis=0), still=still,
     )  # fmt: skip
+
+
+def _metric(noise, information, u):
+    """Return what is said of the errors of u (t, n, d) as inverse covariances; None: nothing."""
+    if information is not None or noise is None:
+        return information
+    return np.broadcast_to(np.eye(u.shape[2]) / noise**2, (*u.shape, u.shape[2]))
 
 
 def _conditions(mesh, setting):
@@ -517,7 +529,7 @@ def _check_noise(problem, estimate):
 def _check_trials(problem, unknowns, grouping, gradient, large_push):
     """Return the warnings that the input alone calls for."""
     mesh, u, warnings = problem.mesh, problem.displacements, []
-    if len(u) > 1 and one_direction(u):
+    if len(u) > 1 and problem.one_direction:
         warnings.append(
             "the trials are (nearly) proportional to each other and count as fewer: push in "
             "different directions"

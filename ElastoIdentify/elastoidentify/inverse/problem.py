@@ -9,6 +9,7 @@ from ..fem.constitutive import Kinematics
 from ..fem.contact import Pairs
 from ..fem.mesh import Mesh
 from .conditions import Conditions, conditions
+from .motion import one_direction
 from .observations import DisplacementNoise
 from .out_of_plane import Stretch
 from .parameterization import Unknowns
@@ -33,6 +34,7 @@ class Problem:
     stretch: Stretch | None = None  # out of the plane
     look_at: np.ndarray | None = None  # (d,) place for which it is asked what could be seen
     inverted: np.ndarray | None = None  # (n_cells,) bool: inside out in some trial as measured
+    still: np.ndarray | None = None  # (n_trials,) bool: nothing but errors and a rigid motion
 
     def laws(self, stretches: np.ndarray | None = None) -> list[Kinematics]:
         """Return the law of each trial, with the stretches out of the plane given or found."""
@@ -41,6 +43,12 @@ class Problem:
         if stretches is None:
             return [self.law] * len(self.displacements)
         return [self.law.stretched(e) for e in stretches]
+
+    @cached_property
+    def one_direction(self) -> bool:
+        """Whether all pushes are of nearly one direction."""
+        pushes = self.displacements if self.still is None else self.displacements[~self.still]
+        return one_direction(self.mesh.points, pushes)
 
     @cached_property
     def conditions(self) -> Conditions:

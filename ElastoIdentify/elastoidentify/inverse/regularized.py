@@ -267,13 +267,16 @@ class _Fit:
 
     def _mesh_bias(self):
         """Estimate the shift of x that the cells' own error makes, where that is affordable."""
-        self.bias = self.gap = None
+        self.bias = self.gap = self.mesh_error = None
         self.at = (0.98, "regularized: error of the cells")
         gap = affordable(self.forward) and defect(self.forward, self.state, self.tell)
         if not gap or contradicted(gap, [one.residual for one in self.misfit.terms[0]]):
             return
         self.gap = gap
         numbers, zero = self.misfit.of_first_term(gap), np.zeros((self.parameters.n, 1))
+        stated = 1.0 if self.problem.noise.information is not None else self.scale
+        size = self.misfit.gram(numbers, stated).item()
+        self.mesh_error = float(np.sqrt(size / self.n_equations))
         self.bias = self.system.solve(zero, numbers, tell=self.tell)[0][:, 0]
 
     def _model_misfit(self):
@@ -352,6 +355,7 @@ class _Fit:
             "prior_rule": rule(self.kept),
             "element": self.forward.element,
             "mesh_shift": shift,
+            "mesh_error": self.mesh_error,
             "structure": self.structure,
             "smallest_visible": self.visible,
             "refine": self.refine,

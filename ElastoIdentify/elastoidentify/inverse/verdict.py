@@ -1,7 +1,5 @@
 """May this map be trusted? One sentence, from what the fit knows of itself."""
 
-import numpy as np
-
 from .inverted import MOST
 from .ratio_checks import contradicts, reason
 
@@ -11,9 +9,6 @@ NOISE_FACTOR = 1.6
 Sound maps of image phantoms have 0.6 to 1.4, maps under a wrong assumption (slip, plane, ν, a cut
 border) 2.2 to 8.9.
 """
-
-SAME_DIRECTION = 0.07
-"""Second singular value of unit trials below which they count as one: an angle of some 5°."""
 
 SOME_MISFIT, MUCH_MISFIT = 0.15, 0.4
 """Shares of the tissue that the model does not fit: of which chance makes less, and of which the
@@ -28,9 +23,9 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     Parameters
     ----------
     report : dict
-        Of the identification: method, grouping, noise_scale, noise_given, misfit, cells,
-        typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit, structure,
-        smallest_visible.
+        Of the identification: method, grouping, noise_scale, noise_given, misfit, mesh_error,
+        cells, typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit,
+        structure, smallest_visible.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -46,7 +41,14 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     """
     bad, doubtful = [], []
     factor = noise_factor(report, informed)
-    if factor is not None and factor > NOISE_FACTOR:
+    coarse = factor is not None and NOISE_FACTOR < factor <= _of_the_mesh(report)
+    if coarse:
+        doubtful.append(
+            f"the displacements are more exact than the cells, whose own error is "
+            f"{report['mesh_error']:.2g} times what is stated of the displacements, which hides "
+            "whether the model fits: take smaller cells"
+        )
+    elif factor is not None and factor > NOISE_FACTOR:
         bad.append(
             f"the displacements miss the balance of forces by {factor:.2g} times what their stated "
             "noise explains, so something that is assumed is not so: the pad may slip, the tissue "
@@ -80,7 +82,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
         )
     local = report.get("model_misfit")
     if local and local["share"] > SOME_MISFIT:
-        (bad if local["share"] > MUCH_MISFIT else doubtful).append(_where(local))
+        much = local["share"] > MUCH_MISFIT and not coarse
+        (bad if much else doubtful).append(_where(local))
     for row in filter(contradicts, report.get("poisson_checks", ())):
         (doubtful if row["known"] else bad).append(reason(row))
     if one_direction and report["grouping"] == "cell":
@@ -98,6 +101,11 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     if nothing and seen and seen["typical"] is None:
         doubtful.append("it would hardly show a lesion, of whatever size")
     return _said(bad, doubtful, factor, nothing)
+
+
+def _of_the_mesh(report: dict) -> float:
+    """Return found over stated noise up to which the cells' own error may be the cause."""
+    return NOISE_FACTOR * (1 + (report.get("mesh_error") or 0.0) ** 2) ** 0.5
 
 
 def _nothing(structure: dict | None) -> str:
@@ -140,13 +148,6 @@ def noise_factor(report: dict, informed: bool) -> float | None:
         found = report.get("noise_found")
         return None if found is None or not scale else float(found / scale)
     return scale if informed and scale is not None else None
-
-
-def one_direction(displacements: np.ndarray) -> bool:
-    """Tell whether the trials (t, n, d) are nearly proportional to each other, or only one."""
-    flat = displacements.reshape(len(displacements), -1)
-    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
-    return len(flat) < 2 or bool(np.linalg.svd(flat, compute_uv=False)[1] < SAME_DIRECTION)
 
 
 def _said(bad, doubtful, factor, nothing) -> dict:
