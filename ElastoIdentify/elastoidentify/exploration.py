@@ -29,7 +29,8 @@ from .errors import InputError
 from .fem.contact import on_two_sides, split_nodes
 from .fem.soundness import coincident
 from .inverse.border import Frame
-from .inverse.identify import IdentificationResult, identify
+from .inverse.identify import identify
+from .inverse.result import IdentificationResult
 from .inverse.verdict import NOISE_FACTOR, doubted
 from .progress import Progress, part, silent
 from .results import Status

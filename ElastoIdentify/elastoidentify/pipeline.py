@@ -30,7 +30,8 @@ from .exploration import check_method, explore, record
 from .fem.soundness import node_pieces
 from .imaging.meshing import LabelMesh, mesh_segmentation
 from .imaging.slices import slice_of_image, slice_with_points
-from .inverse.identify import IdentificationResult, check_input, identify
+from .inverse.identify import check_input, identify
+from .inverse.result import IdentificationResult
 from .options import keywords, unused
 from .progress import Progress, part, silent
 from .provenance import provenance

@@ -26,7 +26,7 @@ import scipy.sparse as sp
 from elastoidentify import InputError, identify
 from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.imaging.registration.sources import displacement_from_points
-from elastoidentify.inverse.identify import IdentificationResult
+from elastoidentify.inverse.result import IdentificationResult
 from elastoidentify.progress import silent
 from scipy.sparse.linalg import spsolve
 

@@ -1,30 +1,19 @@
 """Identification of the Lamé constants: one entry point over all methods."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse import csgraph
 
 from ..errors import InputError
-from ..fem.assembly import internal_forces
 from ..fem.constitutive import KINEMATICS, Kinematics, NeoHookeanPlaneStress
-from ..fem.elastic_constants import (
-    NEGLIGIBLE_LAMBDA,
-    admissible,
-    lambda_from_plane_stress,
-    young_from_lame,
-)
 from ..fem.mesh import Mesh
 from ..progress import Progress, silent
-from ..results import Status, is_found
 from ..study import check_material
 from . import border, motion
 from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
-from .edges import with_edges
 from .inverted import folded, may_be_mended, mended
 from .methods import METHODS
 from .model_misfit import summary
@@ -33,41 +22,14 @@ from .parameterization import Unknowns, make_unknowns
 from .poisson import free as free_ratio
 from .problem import Problem
 from .ratio_checks import mean_strains
-from .statistics import CellErrors, cell_errors, label_statistics
+from .result import IdentificationResult, result_of
+from .statistics import label_statistics
 from .verdict import judge
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
 LARGE_GRADIENT = 0.02  # of displacements: what small strain is good to
 WIDEST_RATIO = 0.25  # standard deviation of ν: wider, it would reach past −1
 FEW_EQUATIONS = 4  # of which not even a factor of ten can be read
-
-
-@dataclass
-class IdentificationResult:
-    """What was found, cell by cell, in the unit of the known material's Young's modulus.
-
-    All cell arrays have shape (n_cells,) and the cell order of the input.
-    """
-
-    lam: np.ndarray
-    mu: np.ndarray
-    young: np.ndarray
-    poisson: np.ndarray
-    lam_std: np.ndarray
-    mu_std: np.ndarray
-    young_std: np.ndarray
-    poisson_std: np.ndarray
-    model_misfit: np.ndarray  # share of the local misfit that noise does not explain; NaN: unknown
-    status: np.ndarray  # codes of elastoidentify.results.Status
-    sequence_order: np.ndarray
-    residuals: np.ndarray  # (n_trials, n_nodes, dim of the points given)
-    report: dict = field(default_factory=dict)  # JSON-ready; report["warnings"]: list of sentences
-    tried: list = field(default_factory=list, repr=False)  # of elastoidentify.exploration.Tried
-
-    @property
-    def statistics(self) -> list[dict]:
-        """Figures per label, see :func:`~elastoidentify.inverse.statistics.label_statistics`."""
-        return self.report["labels"]
 
 
 def identify(
@@ -202,7 +164,7 @@ def identify(
     else:
         estimate = METHODS[method](problem, progress)
     warnings += _check_noise(problem, estimate)
-    result, errors = _result(problem, estimate, plane == "stress", warnings)
+    result, errors = result_of(problem, estimate, plane == "stress", warnings)
     result.report["labels"] = label_statistics(
         np.zeros(problem.mesh.n_cells, int) if labels is None else labels,
         problem.mesh.volumes, result.status, result.lam, result.mu, errors, reference_label,
@@ -583,120 +545,6 @@ def _check_equations(mesh, setting, n_trials, method):
     return [f"{sentence}: some cells cannot be determined from the data alone"]
 
 
-def _result(problem, estimate, plane_stress, warnings) -> tuple[IdentificationResult, CellErrors]:
-    lam, mu = estimate.lam.copy(), estimate.mu.copy()
-    lam_errors, mu_errors = estimate.lam_errors, estimate.mu_errors
-    known = problem.unknowns.known
-    if plane_stress:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gap = 2 * mu - lam
-            lam_errors = (
-                4 * (mu**2 / gap**2)[:, None] * lam_errors
-                - 2 * (lam**2 / gap**2)[:, None] * mu_errors
-            )
-        lam = lambda_from_plane_stress(lam, mu)
-    errors = cell_errors(
-        lam, mu, *(np.where(known[:, None], 0.0, e) for e in (lam_errors, mu_errors))
-    )
-    lam_std, mu_std = errors.std("Lambda"), errors.std("Mu")
-    status = np.full(len(mu), Status.IDENTIFIED, np.uint8)
-    status[~admissible(lam, mu)] = Status.OUT_OF_RANGE
-    with np.errstate(invalid="ignore"):
-        lost = ~(mu_std < np.abs(mu))
-        # λ of a material like cork is zero, and then its error is measured by μ
-        shear_only = ~(lam_std < np.maximum(np.abs(lam), NEGLIGIBLE_LAMBDA * np.abs(mu)))
-        if problem.unknowns.ratio is not None:  # λ follows from ν, whose error is stated
-            shear_only[:] = False
-        lost |= shear_only & ~(mu > 0)
-    status[shear_only] = Status.SHEAR_ONLY
-    status[lost | ~_reached(problem)] = Status.NOT_DETERMINED
-    status[problem.inverted] = Status.NOT_DETERMINED  # no body moves so
-    status[known] = Status.KNOWN
-    residuals = _residuals(problem, estimate)
-    none, no_lambda = status == Status.NOT_DETERMINED, ~is_found(status, "Lambda")
-    no_lambda &= status != Status.OUT_OF_RANGE
-    young, poisson = young_from_lame(lam, mu)
-    errors = with_edges(errors, lam, mu, estimate.edges)
-    lam_std, mu_std = errors.std("Lambda"), errors.std("Mu")
-    young_std, poisson_std = errors.std("YoungModulus"), errors.std("PoissonRatio")
-    mu[none] = mu_std[none] = np.nan
-    for array in (lam, lam_std, young, poisson, young_std, poisson_std):
-        array[no_lambda] = np.nan
-    order = np.where(none, -1, estimate.order).astype(np.int32)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        error = (mu_std / np.abs(mu))[~known & ~none]
-    typical = float(np.median(error)) if error.size else None
-    warnings = warnings + estimate.warnings + _found_warnings(status, known, typical)
-    warnings += _why_nothing(problem, status)
-    counts = {one.name.lower(): int((status == one).sum()) for one in Status}
-    report = {**estimate.report, "cells": counts, "typical_error": typical, "warnings": warnings}
-    misfit = np.full(len(mu), np.nan) if estimate.misfit is None else estimate.misfit.share
-    result = IdentificationResult(
-        lam, mu, young, poisson, lam_std, mu_std, young_std, poisson_std, misfit, status, order,
-        residuals, report,
-    )  # fmt: skip
-    return result, errors
-
-
-def _reached(problem):
-    """Tell which cells a chain of balance equations ties to the known ones. (n_cells,) bool
-
-    Beyond that the data have no scale: what a fit shows there is its prior.
-    """
-    unknowns, mesh = problem.unknowns, problem.mesh
-    vertex = np.where(unknowns.known, unknowns.n_groups, unknowns.group)  # known cells are one
-    there = problem.conditions
-    free = (there.members @ mesh.node_cells)[there.asked].tocoo()
-    n_rows, n = free.shape[0], unknowns.n_groups + 1
-    edges = sp.coo_matrix(
-        (np.ones(free.nnz, bool), (free.row, n_rows + vertex[free.col])), (n_rows + n,) * 2
-    )
-    piece = csgraph.connected_components(edges, directed=False)[1][n_rows:]
-    return piece[vertex] == piece[-1]
-
-
-def _why_nothing(problem, status):
-    """Say what about the reaction nodes leaves most cells undetermined."""
-    unknown = ~problem.unknowns.known
-    if (status[unknown] == Status.NOT_DETERMINED).mean() <= 0.5:
-        return []
-    free = ~problem.reaction[problem.mesh.boundary_nodes]
-    if free.all():
-        return [
-            "no node on the surface is marked as a reaction node, so that balance was asked also "
-            "where the body is held or pushed: mark those nodes (reaction nodes, in files the "
-            "point array ReactionNodes)"
-        ]
-    return []
-
-
-def _found_warnings(status, known, typical):
-    warnings, n = [], int((~known).sum())
-    lost = int((status == Status.NOT_DETERMINED).sum())
-    out = int((status == Status.OUT_OF_RANGE).sum())
-    shear_only = int((status == Status.SHEAR_ONLY).sum())
-    if shear_only:
-        warnings.append(
-            f"in {shear_only} of {n} unknown cells μ alone is determined (Status 4: λ, E and ν "
-            "have no value)"
-        )
-    if lost:
-        warnings.append(
-            f"{lost} of {n} unknown cells are not determined by these data (Status 0, no value)"
-        )
-    if typical is not None and typical > 0.3:
-        warnings.append(
-            f"the typical error of μ is {typical:.0%} of its value: the map is mostly noise; use "
-            "method 'regularized', larger pushes or better images"
-        )
-    if out:
-        warnings.append(
-            f"{out} of {n} unknown cells came out with moduli that no stable material has "
-            "(Status 3): noise, or kinematics that do not fit the push"
-        )
-    return warnings
-
-
 def _why_no_misfit(estimate):
     """Say why nothing tells where the model does not fit, "" where something does."""
     if estimate.misfit is not None:
@@ -704,20 +552,3 @@ def _why_no_misfit(estimate):
     if estimate.report["method"] != "regularized":
         return "the regularized method alone can tell"
     return "in volumes it would take the covariance of the forces of all nodes"
-
-
-def _residuals(problem, estimate):
-    """Force left over at every free node with the values found; NaN where they are missing."""
-    mesh = problem.mesh
-    missing = ~(np.isfinite(estimate.lam) & np.isfinite(estimate.mu))
-    lam, mu = (np.where(missing, 0, x) for x in (estimate.lam, estimate.mu))
-    there = problem.conditions
-    unknown_here = there.members @ (mesh.node_cells @ missing.astype(float)) > 0
-    residuals = np.stack(
-        [
-            there.left(internal_forces(mesh, law, u, lam, mu))
-            for u, law in zip(problem.displacements, problem.laws(estimate.stretches), strict=True)
-        ]
-    )
-    residuals[:, unknown_here & ~problem.reaction] = np.nan
-    return residuals
