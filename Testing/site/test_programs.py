@@ -1,6 +1,6 @@
 """The programs in the middle of the pages run as they stand.
 
-Those of the gallery are tested beside; those for ParaView and 3D Slicer where these hosts are.
+Those of the gallery are tested beside; those for ParaView and 3D Slicer where these hosts are (test_page.py).
 """
 
 import re
