@@ -5,7 +5,7 @@ stops no other, and is named. It needs an environment of its own, with `pip inst
 How it is called at a shell, which file lies where, and how it runs on a cluster stands on the page
 of [many subjects](../cohort.md).
 
-In both maps the tissue is found too stiff and the inclusion too soft; in subject 01 by 2.5 and 2.1
+In both maps the tissue is found too stiff and the inclusion too soft; in subject 01 by 2.2 and 1.8
 standard errors, though its quality is *good*: ± holds the errors of the displacements only.
 """
 
