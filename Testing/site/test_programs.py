@@ -1,6 +1,7 @@
 """The programs in the middle of the pages run as they stand.
 
-Those of the gallery are tested beside; those for ParaView and 3D Slicer where these hosts are (test_page.py).
+Those of the gallery are tested beside; those for ParaView and 3D Slicer in
+test_page.py where these hosts are.
 """
 
 import re
