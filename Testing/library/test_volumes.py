@@ -6,7 +6,9 @@ import pytest
 from cube import CONTRAST, PAD, inside, truth
 from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import box_mesh, solve_push
-from elastoidentify.linalg.factor import CHOICE, Factoriser, factorisation
+from elastoidentify.linalg.factor import CHOICE, Factoriser, Pardiso, factorisation
+from elastoidentify.linalg.fronts import Fronts
+from elastoidentify.linalg.ldl import QuasiDefiniteSolver
 
 
 class Cube:
@@ -85,9 +87,15 @@ def _dense(self, matrix):
     return Inverse()
 
 
-@pytest.mark.skipif(factorisation() != "pardiso", reason='PARDISO: pip install ".[fast]"')
+KINDS = {"fronts": Fronts, "superlu": QuasiDefiniteSolver, "pardiso": Pardiso}
+needs_pardiso = pytest.mark.skipif(
+    factorisation() != "pardiso", reason='PARDISO: pip install ".[fast]"'
+)
+
+
+@pytest.mark.parametrize("name", ["fronts", pytest.param("pardiso", marks=needs_pardiso)])
 @pytest.mark.parametrize("definite", [True, False])
-def test_pardiso_solves_as_superlu_does(monkeypatch, definite):
+def test_every_factoriser_solves_as_superlu_does(name, definite):
     import scipy.sparse as sp
 
     n = 2000
@@ -98,16 +106,64 @@ def test_pardiso_solves_as_superlu_does(monkeypatch, definite):
     places = np.column_stack([np.arange(n) % 40, np.arange(n) // 40]).astype(float)
     right = np.random.default_rng(0).standard_normal((n, 3))
     found = {}
-    for name in ("pardiso", "superlu"):
+    for one in (name, "superlu"):
         factoriser = Factoriser(places, definite)
-        factoriser.name = name
+        factoriser.name = one
         factors = factoriser(A)
+        assert isinstance(factors, KINDS[one])
         assert factors.entries > 0
-        found[name] = factors.solve(right)
-        np.testing.assert_array_equal(factors.solve(right), found[name])
-        assert np.abs(A @ found[name] - right).max() < 1e-10
+        found[one] = factors.solve(right)
+        np.testing.assert_array_equal(factors.solve(right), found[one])
+        assert np.abs(A @ found[one] - right).max() < 1e-10
         assert factors.solve(right[:, 0]).shape == (n,)
-    np.testing.assert_allclose(found["pardiso"], found["superlu"], atol=1e-10)
+    np.testing.assert_allclose(found[name], found["superlu"], atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_fronts_solve_quasi_definite_systems_like_the_fits(scale):
+    """Against dense LAPACK: blocks of both signs, an unknown coupled to all, all in one place."""
+    import scipy.sparse as sp
+
+    random = np.random.default_rng(1)
+    p, m = 300, 500
+    P = sp.diags([2.5, -1.0, -1.0], [0, 1, -1], (p, p))
+    S = scale * sp.diags([4.0, 1.0, 1.0, -0.5, -0.5], [0, 1, -1, 25, -25], (m, m))
+    R = sp.random(m, p, 0.004, random_state=random).tolil()
+    R[:, 0] = 0.1
+    A = sp.bmat([[P, R.T], [R, -S]], format="csc")
+    right = random.standard_normal((p + m, 2))
+    expected = np.linalg.solve(A.toarray(), right)
+    for places in (random.uniform(size=(p + m, 2)), np.zeros((p + m, 2))):
+        factors = Factoriser(places, definite=False)(A)
+        assert isinstance(factors, Fronts)
+        np.testing.assert_allclose(factors.solve(right), expected, rtol=1e-6, atol=1e-8)
+
+
+def test_a_factoriser_takes_other_numbers_and_other_zeros_of_its_pattern():
+    import scipy.sparse as sp
+
+    n, random = 600, np.random.default_rng(2)
+    factoriser = Factoriser(random.uniform(size=(n, 2)))
+    factoriser.name = "fronts"
+    for step in (1, 2, 7):
+        off = random.uniform(0.1, 1.0, n - 1) * (np.arange(n - 1) % step == 0)
+        A = sp.diags([off, 3.0, off], [-1, 0, 1], (n, n), format="csr")
+        A.eliminate_zeros()
+        x = random.standard_normal(n)
+        factors = factoriser(A)
+        assert isinstance(factors, Fronts)
+        np.testing.assert_allclose(factors.solve(A @ x), x, rtol=1e-10)
+
+
+def test_a_body_that_buckles_is_left_to_superlu():
+    """Its matrix is symmetric, but some pivots have the wrong sign."""
+    import scipy.sparse as sp
+
+    A = sp.diags([1.0, 2.0, 2.0], [0, 1, -1], (400, 400), format="csc")
+    x = np.linspace(-1, 1, 400)
+    factors = Factoriser(np.arange(400.0)[:, None])(A)
+    assert isinstance(factors, QuasiDefiniteSolver)
+    np.testing.assert_allclose(A @ factors.solve(A @ x), A @ x, atol=1e-6)
 
 
 def test_the_environment_can_ask_for_superlu(monkeypatch):

@@ -12,8 +12,8 @@ from ..errors import InputError
 from .equilibrium import Equilibrium, State
 
 RICHARDSON = 4 / 3  # 1 / (1 − 2⁻²)
-# free degrees of freedom of the finer solution beyond which it costs too much
-MOST = {(2, "superlu"): 300_000, (3, "superlu"): 45_000, (3, "pardiso"): 150_000}
+# free degrees of freedom of the finer solution beyond which it costs too much, by dimension
+MOST = {2: 300_000, 3: 45_000, (3, "pardiso"): 150_000}
 CHILDREN = {2: 4, 3: 8}
 FAR_LARGER = 100.0
 NOTABLE, SHARE = 0.03, 0.05  # a shift of μ, and the share of cells, that are worth a sentence
@@ -22,7 +22,7 @@ NOTABLE, SHARE = 0.03, 0.05  # a shift of μ, and the share of cells, that are w
 def affordable(forward: Equilibrium) -> bool:
     """Tell whether the finer solution costs no more than the fit itself."""
     dim = forward.mesh.dim
-    most = MOST.get((dim, forward.factoriser.name), MOST[2, "superlu"])
+    most = MOST.get((dim, forward.factoriser.name), MOST[dim])
     return forward.n_free * CHILDREN[dim] <= most
 
 

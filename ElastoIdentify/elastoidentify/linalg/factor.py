@@ -1,8 +1,9 @@
-"""Factors of sparse symmetric matrices: one interface over scipy's SuperLU and MKL's PARDISO.
+"""Factors of sparse symmetric matrices: one interface over MKL's PARDISO and what is always there.
 
-PARDISO (Intel MKL through `pypardiso`, the extra ``fast``) keeps half of a symmetric matrix and
-solves for many right-hand sides at once; it is taken where it is installed. SuperLU is always
-there; nested dissection of the unknowns' places gives it an order with little fill.
+PARDISO (Intel MKL through `pypardiso`, the extra ``fast``) is taken where it is installed. Else
+nested dissection of the unknowns' places gives an order with little fill, for dense fronts in
+numpy, which keep half of a symmetric matrix (:mod:`.fronts`), or for scipy's SuperLU, which takes
+pivots of any sign, where a matrix turns out not to be quasi-definite.
 """
 
 import os
@@ -12,9 +13,10 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 
+from .fronts import Fronts, NotQuasiDefinite, Plan
 from .ldl import QuasiDefiniteSolver, nested_dissection
 
-CHOICE = "ELASTOIDENTIFY_FACTORISATION"  # environment variable: superlu or pardiso
+CHOICE = "ELASTOIDENTIFY_FACTORISATION"  # environment variable: fronts, superlu or pardiso
 SMALL = 1_500  # unknowns for which PARDISO's set-up costs more than it saves
 
 
@@ -30,8 +32,10 @@ class Factoriser:
     """
 
     def __init__(self, places: np.ndarray, definite: bool = True):
-        self.places, self.definite, self.order = places, definite, None
-        self.name = factorisation() if len(places) >= SMALL else "superlu"
+        self.places, self.definite, self.pieces, self.plan = places, definite, None, None
+        self.name = factorisation()
+        if self.name == "pardiso" and len(places) < SMALL:
+            self.name = "fronts"
 
     def __call__(self, matrix: sp.spmatrix):
         """Return factors with ``solve(right)``, right (n,) or (n, m).
@@ -51,23 +55,35 @@ class Factoriser:
                     raise
             # a body that is held nowhere: go on as SuperLU does, with perturbed pivots
             return Pardiso(matrix, False)
-        if self.order is None:
-            self.order = nested_dissection(matrix, self.places)
-        return QuasiDefiniteSolver(matrix, self.order)
+        if self.pieces is None:
+            self.pieces = nested_dissection(matrix, self.places)
+        if self.name == "fronts":
+            try:
+                return self._fronts(matrix)
+            except NotQuasiDefinite:
+                pass  # a body that buckles, or is held nowhere: any pivots will do
+        return QuasiDefiniteSolver(matrix, self.pieces)
+
+    def _fronts(self, matrix):
+        if matrix.format not in ("csr", "csc"):
+            matrix = matrix.tocsc()
+        if self.plan is None or not self.plan.fits(matrix):
+            self.plan = Plan(matrix, self.pieces)  # entries that are zero may be left out
+        return Fronts(matrix, self.plan)
 
 
 @cache
 def factorisation() -> str:
-    """Return "pardiso" where it is installed and works, else "superlu"."""
+    """Return "pardiso" where it is installed and works, else "fronts"."""
     wanted = os.environ.get(CHOICE, "")
-    if wanted == "superlu":
+    if wanted in ("fronts", "superlu"):
         return wanted
     try:
         _mkl()
         trial = Pardiso(sp.diags([4.0, 1.0, 1.0], [0, 1, -1], (5, 5), format="csr"), True)
-        return "pardiso" if np.isfinite(trial.solve(np.ones(5))).all() else "superlu"
+        return "pardiso" if np.isfinite(trial.solve(np.ones(5))).all() else "fronts"
     except Exception:  # a broken MKL may raise anything, and there is a way without it
-        return "superlu"
+        return "fronts"
 
 
 @cache

@@ -12,8 +12,8 @@ LEAF = 120  # unknowns that are no longer divided
 EVERYWHERE = 10  # an unknown coupled to this many times the median number is coupled everywhere
 
 
-def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
-    """Return an elimination order of the unknowns of a symmetric matrix.
+def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> list[np.ndarray]:
+    """Return the unknowns of a symmetric matrix in pieces, in an order of elimination.
 
     Parameters
     ----------
@@ -25,7 +25,13 @@ def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
     """
     pattern = sp.csr_matrix(matrix, dtype=np.float32, copy=True)
     pattern.data[:] = 1
-    right_side = np.zeros(len(places), np.float32)
+    marked = np.zeros(len(places), np.float32)
+
+    def touching(ours, theirs):
+        marked[theirs] = 1
+        touches = pattern[ours] @ marked > 0
+        marked[theirs] = 0
+        return touches
 
     def divide(ids):
         if len(ids) <= LEAF:
@@ -33,24 +39,25 @@ def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> np.ndarray:
         x = places[ids]
         along = x[:, np.argmax(np.ptp(x, axis=0))]
         left = along <= np.median(along)
-        if left.all():
-            return [ids]
-        ours, theirs = ids[left], ids[~left]
-        right_side[theirs] = 1
-        touches = pattern[ours] @ right_side > 0
-        right_side[theirs] = 0
-        return [*divide(ours[~touches]), *divide(theirs), ours[touches]]
+        if left.all():  # all in one place
+            left = np.arange(len(ids)) < len(ids) // 2
+        sides = ids[left], ids[~left]
+        touches = touching(*sides), touching(*sides[::-1])
+        smaller = int(touches[1].sum() < touches[0].sum())
+        ours, theirs, between = sides[smaller], sides[1 - smaller], touches[smaller]
+        return [*divide(ours[~between]), *divide(theirs), ours[between]]
 
     coupled = np.diff(pattern.indptr)
     everywhere = coupled > EVERYWHERE * np.median(coupled)
-    return np.concatenate([*divide(np.flatnonzero(~everywhere)), np.flatnonzero(everywhere)])
+    pieces = [*divide(np.flatnonzero(~everywhere)), np.flatnonzero(everywhere)]
+    return [piece for piece in pieces if len(piece)]
 
 
 class QuasiDefiniteSolver:
     """LDLᵀ-like factors of a symmetric quasi-definite matrix in a given order, no pivoting."""
 
-    def __init__(self, matrix: sp.spmatrix, order: np.ndarray):
-        self.order = order
+    def __init__(self, matrix: sp.spmatrix, pieces: list[np.ndarray]):
+        self.order = order = np.concatenate(pieces)
         permuted = sp.csc_matrix(matrix)[:, order].tocsr()[order].tocsc()
         self.factors = spl.splu(
             permuted,
