@@ -112,3 +112,21 @@ CHECKS = (
 
 QUANTITIES = {one.array: one for one in (*VALUES, *ERRORS, *CHECKS)}
 """Name of the cell array → quantity, values first."""
+
+ASSUMPTIONS = (
+    "poisson", "lambda_mu", "slip", "stuck", "stretch", "plane_stress", "plane_strain",
+    "neo_hookean",
+)  # fmt: skip
+"""What may be tried in place of what was given, see :mod:`elastoidentify.exploration`."""
+
+
+def mu_if(assumption: str) -> str:
+    """Return the cell array of μ under an assumption that was tried: ``MuIfSlip``."""
+    return "MuIf" + "".join(word.capitalize() for word in assumption.split("_"))
+
+
+MU_IFS = {
+    mu_if(one): Quantity(mu_if(one), "mu", f"μ if {one.replace('_', ' ')}", "shear modulus")
+    for one in ASSUMPTIONS
+}
+"""Name of the cell array → quantity, of μ under what was tried."""

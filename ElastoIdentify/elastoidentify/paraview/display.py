@@ -13,7 +13,7 @@ import numpy as np
 from ..report.sentences import report_lines
 from ..report.table import ROUND_OFF
 from ..report.terminal import figure
-from ..results import CHECKS, ERRORS, VALUES, Status
+from ..results import CHECKS, ERRORS, MU_IFS, VALUES, Status
 from ..vtk_io.arrays import read_report
 from ..vtk_io.convert import get_array, has_array
 
@@ -43,7 +43,7 @@ REACTIONS = [
     ("may be pushed", [0.80, 0.40, 0.10]),
     ("along the normal only", [0.10, 0.45, 0.70]),
 ]
-MAPS = {"Viridis": VALUES, "Inferno": ERRORS, "Plasma": CHECKS}
+MAPS = {"Viridis": (*VALUES, *MU_IFS.values()), "Inferno": ERRORS, "Plasma": CHECKS}
 """Name of a colour map, in ParaView before 6 followed by "(matplotlib)" → quantities."""
 
 COLUMNS = 48  # of a report in the panel, which does not break lines

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..results import QUANTITIES
+from ..results import MU_IFS, QUANTITIES
 from .display import leaves, shown_range
 
 FILTER = "LameIdentification"
 NEVER = -1  # ParaView's mode of rescaling
 CELLS = 1
+OURS = QUANTITIES | MU_IFS
 
 
 @dataclass
@@ -76,7 +77,7 @@ def _proxies(session, group):
 
 def _array(name: str) -> str:
     """Return the array of a colour map by the name it is registered under, "" of others' arrays."""
-    return next((part for part in name.split(".") if part in QUANTITIES), "")
+    return next((part for part in name.split(".") if part in OURS), "")
 
 
 def _updated(source, event):
@@ -91,6 +92,8 @@ def _updated(source, event):
     meshes = leaves(filter.GetOutputDataObject(0))
     ranges = {array: shown_range(meshes, array) for array in QUANTITIES}
     _known.ranges |= {array: pair for array, pair in ranges.items() if np.isfinite(pair).all()}
+    if "Mu" in _known.ranges:  # maps under other assumptions are to be compared with it
+        _known.ranges |= dict.fromkeys(MU_IFS, _known.ranges["Mu"])
     _known.unit = filter.unit
     for name, colours in _proxies(session, "lookup_tables"):
         if _array(name) in _known.given and _range_of(colours) == _known.given[_array(name)]:
@@ -151,7 +154,7 @@ def _name(session, legend):
     array = _array(names[0]) if names else ""
     if array not in _known.ranges:
         return
-    title, key = QUANTITIES[array].title(_known.unit), legend.GetGlobalIDAsString()
+    title, key = OURS[array].title(_known.unit), legend.GetGlobalIDAsString()
     if legend.GetProperty("Title").GetElement(0) in ("", array, _known.titles.get(key)):
         legend.GetProperty("Title").SetElement(0, title)
         legend.UpdateVTKObjects()

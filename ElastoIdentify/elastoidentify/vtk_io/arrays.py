@@ -7,8 +7,7 @@ from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkIntArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkTable
 
 from ..errors import InputError
-from ..options import pascal
-from ..results import COMPONENTS, QUANTITIES, is_found
+from ..results import COMPONENTS, MU_IFS, QUANTITIES, is_found, mu_if
 from .checks import cell_labels
 from .convert import (
     DISPLACEMENT,
@@ -25,7 +24,7 @@ from .convert import (
 )
 from .frame import write_frame, write_place
 
-DISAGREEMENT, MU_IF = "Disagreement", "MuIf"
+DISAGREEMENT = "Disagreement"
 KNOWN = ("KnownYoungModulus", "KnownPoissonRatio")
 REPORTS = {
     "identification": "IdentificationReport",
@@ -102,16 +101,11 @@ def write_identification(grid, result, order=None):
     set_text(grid, REPORTS["identification"], to_json(result.report))
 
 
-def mu_if(assumption: str) -> str:
-    """Return the cell array of μ under an assumption that was tried: ``MuIfSlip``."""
-    return MU_IF + pascal(assumption)
-
-
 def mu_if_names(grid) -> list[str]:
     """Return the cell arrays of μ under other assumptions."""
     cells = grid.GetCellData()
     names = [cells.GetArrayName(number) or "" for number in range(cells.GetNumberOfArrays())]
-    return [name for name in names if name.startswith(MU_IF)]
+    return [name for name in names if name in MU_IFS]
 
 
 def write_outcome(outcome):

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..imaging.image import Image
 from ..report import picture
-from .arrays import REPORTS, mu_if, read_report
+from ..results import mu_if
+from .arrays import REPORTS, read_report
 from .convert import get_array, get_text, has_array, mesh_blocks, mesh_points
 
 ARRAYS = ("Mu", "MuStd", "Lambda", "Status")
