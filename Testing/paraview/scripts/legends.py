@@ -56,18 +56,18 @@ assert "label 1: known\nlabel 2: μ" in report, report
 small = PushingPhantom(Resolution=8, Noise=1e-6)  # noqa: F405
 tried = LameIdentification(Input=small, Method="regularized", Explore=1, Unit="kPa")  # noqa: F405
 shown = Show(tried, view)  # noqa: F405
-ColorBy(shown, ("CELLS", "MuIfPlaneStress"))  # noqa: F405
-shown.SetScalarBarVisibility(view, True)
-Render(view)  # noqa: F405
 colour = GetColorTransferFunction("MuIfPlaneStress")  # noqa: F405
 assert len(colour.RGBPoints) > 400, len(colour.RGBPoints)  # not the default's few
-legend = GetScalarBar(colour, view)  # noqa: F405
-assert legend.Title == "μ if plane stress (kPa)", legend.Title
 cells = servermanager.Fetch(tried).GetCellData()  # noqa: F405
 mu, other = (np.array(cells.GetArray(name)) for name in ("Mu", "MuIfPlaneStress"))
 low, high = colours("MuIfPlaneStress")
 assert 0.999 * np.nanmin(mu) <= low < high <= 1.001 * np.nanmax(mu), (low, high)
-assert not np.allclose([low, high], [np.nanmin(other), np.nanmax(other)], rtol=0.01)
+assert high > 2 * np.nanmax(other)
+ColorBy(shown, ("CELLS", "MuIfPlaneStress"))  # noqa: F405
+shown.SetScalarBarVisibility(view, True)
+Render(view)  # noqa: F405
+legend = GetScalarBar(colour, view)  # noqa: F405
+assert legend.Title == "μ if plane stress (kPa)", legend.Title
 
 Delete(tried)  # noqa: F405
 Delete(stiffness)  # noqa: F405
