@@ -102,10 +102,9 @@ class CellMap:
         """Return what a label is called."""
         return self.label_names.get(int(label), "") or f"label {label}"
 
-    @property
-    def not_determined(self) -> np.ndarray:
-        """Which cells have no value, not even of μ, that can be read."""
-        return ~is_found(self.status)
+    def lacks(self, array: str) -> np.ndarray:
+        """Tell which cells have no value of a quantity that can be read."""
+        return ~is_found(self.status, array)
 
 
 def kilopascal(unit: str) -> float:

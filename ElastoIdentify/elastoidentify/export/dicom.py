@@ -94,7 +94,7 @@ def write_dicom(
     -------
     list of Path
         ``mu.dcm``, ``mu_std.dcm`` (or ``E``…; float32 in kPa, NaN where there is no value),
-        ``labels.dcm``, ``not_determined.dcm`` where there are such cells, ``rest_0001.dcm``….
+        ``labels.dcm``, ``not_determined.dcm`` where cells have no value of it, ``rest_0001.dcm``….
 
     Raises
     ------
@@ -119,7 +119,7 @@ def write_dicom(
         made[f"{MAPS[name][0]}.dcm"] = _parametric_map(array, name, result, frames, source, number)
     labels = frames.array(sample(cells, np.asarray(result.labels, np.int64), 0))
     made["labels.dcm"] = _labels(labels, result, frames, source, FIRST_SERIES + 3)
-    lacking = frames.array(sample(cells, result.not_determined, False))
+    lacking = frames.array(sample(cells, result.lacks(quantity), False))
     if lacking.any():
         made["not_determined.dcm"] = _not_determined(lacking, result, frames, source)
     folder = make_folder(folder)

@@ -132,7 +132,7 @@ def filled_constants(result: CellMap, fill: str | float | None = None):
     """
     young = np.array(result.values["YoungModulus"], float)
     poisson = np.array(result.values["PoissonRatio"], float)
-    lacking = ~(np.isfinite(young) & np.isfinite(poisson)) | result.not_determined
+    lacking = ~(np.isfinite(young) & np.isfinite(poisson)) | result.lacks("YoungModulus")
     if not lacking.any():
         return young, poisson, []
     if fill is None:
