@@ -189,6 +189,20 @@ def test_auto_does_not_trust_a_walk_that_lost_most_cells_and_is_sure_of_the_rest
     assert result.report["method"] == "regularized"
 
 
+def test_auto_does_not_trust_a_walk_that_leaves_no_equation_over():
+    """One push, λ and μ of every cell: the walk finds few cells, which satisfy all they are in."""
+    case = forward.squares(8)
+    noisy = case.noisy(0.01 * np.abs(case.displacements).max(), seed=5)[:1]
+    few = case.materials.copy()
+    few[case.points[case.cells].mean(1)[:, 1] < case.points[:, 1].max() * 7 / 8] = np.nan
+    settings = {"reaction_nodes": case.reaction}
+    with pytest.raises(ei.InputError, match="fewer equations"):
+        ei.identify(case.points, case.cells, noisy, few, method="sequential", **settings)
+    result = ei.identify(case.points, case.cells, noisy, few, **settings)
+    assert result.report["method"] == "regularized"
+    assert "no equation over" in result.report["auto"]
+
+
 def test_a_fit_can_be_cancelled_between_steps():
     case = forward.squares(8)
     steps = []

@@ -108,12 +108,16 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     error[~(error >= 0)] = np.inf
     typical = float(np.median(error)) if error.size else np.inf
     lost = float(np.mean(error >= 1)) if error.size else 1.0
-    if typical <= TRUSTED_ERROR and lost < MOST_LOST:
+    # with no equation left over the noise is unknown, and round-off stands in its place
+    unheard = problem.noise.scale is None and not walked.report["redundant_equations"]
+    if typical <= TRUSTED_ERROR and lost < MOST_LOST and not unheard:
         walked.report["auto"] = (
             f"sequential: its propagated error of μ is {typical:.1e} of the value (median)"
         )
         return walked
-    if np.isfinite(typical) and typical > TRUSTED_ERROR:
+    if error.size and unheard:
+        why = "the sequential method leaves no equation over from which its error could be told"
+    elif np.isfinite(typical) and typical > TRUSTED_ERROR:
         why = (
             f"the sequential method's propagated error of μ is {typical:.1e} of the value "
             f"(median), more than {TRUSTED_ERROR:g}"
