@@ -140,19 +140,23 @@ def test_fronts_solve_quasi_definite_systems_like_the_fits(scale):
 
 
 def test_a_factoriser_takes_other_numbers_and_other_zeros_of_its_pattern():
+    """With entries left out the plan of the fronts is kept, with others it is made anew."""
     import scipy.sparse as sp
 
     n, random = 600, np.random.default_rng(2)
-    factoriser = Factoriser(random.uniform(size=(n, 2)))
+    factoriser, plans = Factoriser(random.uniform(size=(n, 2))), []
     factoriser.name = "fronts"
-    for step in (1, 2, 7):
-        off = random.uniform(0.1, 1.0, n - 1) * (np.arange(n - 1) % step == 0)
-        A = sp.diags([off, 3.0, off], [-1, 0, 1], (n, n), format="csr")
+    for step, shift in ((1, 1), (1, 1), (2, 1), (7, 1), (1, 5), (3, 1)):
+        off = random.uniform(0.1, 1.0, n - shift) * (np.arange(n - shift) % step == 0)
+        A = sp.diags([off, 3.0, off], [-shift, 0, shift], (n, n), format="csr")
         A.eliminate_zeros()
         x = random.standard_normal(n)
         factors = factoriser(A)
         assert isinstance(factors, Fronts)
         np.testing.assert_allclose(factors.solve(A @ x), x, rtol=1e-10)
+        plans.append(factoriser.plan)
+    assert all(plan is plans[0] for plan in plans[:4])
+    assert plans[3] is not plans[4] is not plans[5]
 
 
 def test_a_body_that_buckles_is_left_to_superlu():

@@ -67,9 +67,11 @@ class Factoriser:
     def _fronts(self, matrix):
         if matrix.format not in ("csr", "csc"):
             matrix = matrix.tocsc()
-        if self.plan is None or not self.plan.fits(matrix):
-            self.plan = Plan(matrix, self.pieces)  # entries that are zero may be left out
-        return Fronts(matrix, self.plan)
+        data = self.plan and self.plan.values(matrix)
+        if data is None:
+            self.plan = Plan(matrix, self.pieces)
+            data = self.plan.values(matrix)
+        return Fronts(self.plan, data)
 
 
 @cache

@@ -88,11 +88,25 @@ class Plan:
         added = [(c, p, _runs(p, end - start)) for c, p in zip(children, places, strict=True)]
         self.fronts.append(Front(start, end, int(positive), below, entries, at, added))
 
-    def fits(self, matrix: sp.csc_matrix) -> bool:
-        """Tell whether a matrix has the pattern of this plan."""
-        return np.array_equal(matrix.indptr, self.indptr) and np.array_equal(
-            matrix.indices, self.indices
-        )
+    def values(self, matrix: sp.csc_matrix) -> np.ndarray | None:
+        """Return a matrix's entries in the plan's order, None where it has other ones.
+
+        Sums of sparse matrices leave out what happens to be zero, so that some may be missing.
+        """
+        data, ours = matrix.data, (self.indptr, self.indices)
+        if not all(map(np.array_equal, (matrix.indptr, matrix.indices), ours)):
+            theirs, ours = _keys(matrix.indptr, matrix.indices), _keys(*ours)
+            at = np.searchsorted(ours, theirs).clip(max=len(ours) - 1)
+            if (np.diff(ours) <= 0).any() or (ours[at] != theirs).any():
+                return None
+            data = np.bincount(at, data, len(ours))
+        return data[self.entries]
+
+
+def _keys(indptr, indices):
+    """One number for each place in a matrix."""
+    size = len(indptr) - 1
+    return np.repeat(np.arange(size) * size, np.diff(indptr)) + indices
 
 
 def _runs(places, size):
@@ -105,15 +119,20 @@ def _runs(places, size):
 class Fronts:
     """Factors L S Lᵀ of a symmetric positive definite or quasi-definite matrix.
 
+    Parameters
+    ----------
+    plan : Plan
+    data : array
+        The matrix's entries in the plan's order.
+
     Raises
     ------
     NotQuasiDefinite
         Where it is neither.
     """
 
-    def __init__(self, matrix: sp.csc_matrix, plan: Plan):
+    def __init__(self, plan: Plan, data: np.ndarray):
         self.plan, self.factors, left = plan, [], {}
-        data = matrix.data[plan.entries]
         for i, front in enumerate(plan.fronts):
             own, rest = _assembled(front, data[front.entries], left)
             L = _signed_cholesky(np.asfortranarray(own[: front.size]), front.positive)
