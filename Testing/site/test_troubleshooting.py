@@ -125,6 +125,7 @@ WRONG = {
     "metres": (lambda folder: None, f"{RUN} --edge-length 500"),
     "micrometres": (lambda folder: None, f"{RUN} --edge-length 0.005"),
     "no folder": (lambda folder: None, f"{RUN} --table maps/a.csv"),
+    "two files": (lambda folder: None, f"--pushed push.nrrd again.nrrd {RUN}"),
     "two series": (two_series, RUN),
     "folders": (lambda folder: series(folder / "rest.dcm" / "a"), RUN),
     "a localizer": (two_orientations, RUN),

@@ -28,6 +28,12 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"^-\.?\d[\d.,eE+-]*$")
 
     def error(self, message):
+        _, unknown, words = message.partition("unrecognized arguments: ")  # argparse's
+        if unknown:
+            message = (
+                f"unrecognized arguments: {words}; an option for several files is said once for "
+                "each"
+            )
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
