@@ -11,6 +11,7 @@ HEAD = (
     "| forward solves | MiB |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 PICTURE = "open_benchmark.png"
+LOWEST = 1e-3  # RMS that is drawn: what is exact up to round-off would take the whole scale
 
 
 def write(results: dict) -> None:
@@ -104,7 +105,7 @@ def _picture(results):
         levels = results[name]
         for method in methods.NAMES:
             at = [
-                (level, f[method]["rms"])
+                (level, max(f[method]["rms"], LOWEST))
                 for level, f in levels.items()
                 if "rms" in f.get(method, {})
             ]
@@ -115,7 +116,8 @@ def _picture(results):
         axis.set_title(problems.load(name).TITLE, fontsize=10)
         axis.set_yscale("log")
         axis.set_ylabel("RMS of 2(E−Ê)/(E+Ê)", fontsize=8)
-        axis.tick_params(labelsize=8)
+        axis.tick_params(which="both", labelsize=8)
+        axis.set_ylim(bottom=max(axis.get_ylim()[0], 0.8 * LOWEST))
     for axis in axes.flat[len(shown) :]:
         axis.set_axis_off()
     lines = {line.get_label(): line for axis in axes.flat for line in axis.get_lines()}
