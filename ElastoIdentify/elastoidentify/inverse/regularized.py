@@ -35,7 +35,9 @@ from .visibility import resolved, smallest_visible
 
 VARIATIONAL_STEPS, POSTERIOR_STEPS = 20, 2
 SETTLED = 0.1  # largest change of a log-modulus in the last variational step
-SAMPLES = 16
+# the figures from so few samples scatter by a fifth; those that are reported by a fourteenth
+SAMPLES, FINAL_SAMPLES = 16, 100
+MOST_FOR_THESE = 20_000  # parameters; beyond, or by products, the last samples are few as well
 # on the way, by products: few and coarse samples tell the weights well enough
 ROUGH_SAMPLES, ROUGH, FINE = 4, 0.03, 0.01
 # degrees of freedom up to which it is said what could be seen, unasked; by products it costs little
@@ -96,6 +98,11 @@ class _Fit:
     @property
     def by_products(self) -> bool:
         return isinstance(self.system, ReducedSystem)
+
+    @property
+    def final_samples(self) -> int:
+        many = not self.by_products and self.parameters.n <= MOST_FOR_THESE
+        return FINAL_SAMPLES if many else SAMPLES
 
     def first_fit(self):
         """Fit the held nodes' motion alone, to first order at rest: where all trials begin.
@@ -252,13 +259,14 @@ class _Fit:
         if self.other is not None:
             self.prior.variational(self.x, self.samples[0])
             self.factorise()
-            others = self.sample_posterior(SAMPLES, fine, shared=True)
+            others = self.sample_posterior(self.final_samples, fine, shared=True)
         steps = POSTERIOR_STEPS if sharpened else int(len(self.variation) > 0)
         for left in reversed(range(steps)):
             if sharpened:
                 self.prior.reweighted(self.x, self.samples[0])
             self.factorise()
-            self.sample_posterior(SAMPLES, rough if left else fine, shared=True)
+            m = SAMPLES if left else self.final_samples
+            self.sample_posterior(m, rough if left else fine, shared=True)
         if self.parameters.n <= FEW:
             self.exact_posterior()
         if self.other is not None:
