@@ -30,7 +30,7 @@ def young_by_label(folder, place):
         slice_of(read_image(mni152_path()), index=92),
         inclusions=[Inclusion(contrast=3.0)],
         kinematics="neo-hookean",
-        elements=60,
+        elements=40,
         **place,
     )
     write_phantom(folder, made)
