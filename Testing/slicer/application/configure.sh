@@ -92,7 +92,7 @@ flags="-w -fpermissive -include cstdint -I$here/compat -I/usr/include/gdcm-3.0 -
 
 cmake "${common[@]}" -S "$src/Slicer" -B "$build/Slicer" "${options[@]/#/-DSlicer_}" \
     -DADDITIONAL_CXX_FLAGS="$flags" -DCMAKE_CXX_FLAGS_RELEASE="${OPT:--O0} -DNDEBUG" \
-    -DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER=ccache \
+    -DCMAKE_C_COMPILER_LAUNCHER=ccache -DCMAKE_CXX_COMPILER_LAUNCHER="$here/precompiled" \
     -DSlicer_REQUIRED_QT_VERSION=6.5 -DSlicer_VTK_VERSION_MAJOR=9 -DSlicer_VTK_VERSION_MINOR=6 \
     -DSlicer_VTK_SMP_IMPLEMENTATION_TYPE=Sequential \
     -DSlicer_FORCED_REVISION=34000 -DSlicer_FORCED_WC_LAST_CHANGED_DATE=2026-08-21 \
