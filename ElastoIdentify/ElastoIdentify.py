@@ -485,9 +485,8 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             refused_in_users_language(),
         ):
             files = self.logic.export(self._parameterNode.resultModel, kind, target)
-            text = _("Wrote {number} files: {names}")
             names = ", ".join(file.name for file in files)
-            self._status(text.format(number=len(files), names=names))
+            self._status(_("Wrote {names}").format(names=names))
 
     def _askTarget(self, kind):
         window = slicer.util.mainWindow()

@@ -17,8 +17,12 @@ from .outputs import REST
 
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 KINDS = ("dicom", "nifti", "html")
-PACKAGES = {"dicom": ["highdicom>=0.25", "pydicom>=3"], "html": ["matplotlib"]}
-"""What a kind needs and Slicer does not bring."""
+PACKAGES = {
+    "dicom": ["highdicom>=0.25", "pydicom>=3"],
+    "nifti": ["SimpleITK"],
+    "html": ["matplotlib"],
+}
+"""What a kind needs and a Slicer need not bring: it can be built without SimpleITK."""
 
 
 def export(model, kind: str, target: str) -> list[Path]:

@@ -133,7 +133,9 @@ def _figures(name, values, errors, weights) -> dict[str, float]:
     spread = median = np.nan
     if here.any():
         median = float(np.median(values[here]))
-        spread = float(np.sqrt(np.average((values[here] - mean) ** 2, weights=weights[here])))
+        off = values[here] - median  # so that equal values have no spread at all
+        off -= np.average(off, weights=weights[here])
+        spread = float(np.sqrt(np.average(off**2, weights=weights[here])))
     return {
         f"{name} mean": mean,
         f"{name} median": median,

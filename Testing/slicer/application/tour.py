@@ -68,6 +68,7 @@ def photo(name):
 def button(parent, text):
     found = slicer.util.findChildren(parent, text=f"*{text}*")
     found = [one for one in found if one.inherits("QAbstractButton") and one.visible]
+    found = [one for one in found if not one.inherits("QCheckBox")]
     if not found:
         raise AssertionError(f"no button says {text!r}")
     return found[0]
@@ -126,7 +127,7 @@ def inputs():
     yield 2
     ui = panel().ui
     check("rest volume suggested", ui.restSelector.currentNode().GetName() == "Phantom rest")
-    check("the table has the segments' colours", swatches() == colours(), swatches())
+    check("the table has the segments' colours", *coloured_like())
     check(
         "button says what is missing",
         "choose pushed volumes" in ui.applyButton.text,
@@ -195,6 +196,12 @@ def colours():
     return [tuple(round(255 * part) for part in colour) for colour in found]
 
 
+def coloured_like():
+    """Return whether the squares have the segments' colours, to rounding, and both."""
+    found, wanted = np.array(swatches()), np.array(colours())
+    return found.shape == wanted.shape and np.abs(found - wanted).max() <= 1, (found, wanted)
+
+
 def scroll(widget):
     """Bring a widget of the panel into sight."""
     area = widget.parent()
@@ -253,9 +260,10 @@ def press_apply(seconds):
 def apply():
     """A map of the phantom."""
     panel()._parameterNode.cache = str(OUTPUT / "cache")  # the next map of it is there at once
+    stored = os.path.isdir(panel()._parameterNode.cache)
     seen = yield from press_apply(1800)
     photo("map")
-    check("many words of progress were shown", len(seen) > 20, len(seen))
+    check("many words of progress were shown", len(seen) > (5 if stored else 20), len(seen))
     model = panel()._parameterNode.resultModel
     check("there is a map", model is not None, panel().ui.statusLabel.text)
     if model is not None:
@@ -510,6 +518,12 @@ def close_scene():
         photo("close")
         mouse.click(button(asked, "Close scene"))
         yield 2
+    # Slicer takes the button for the other one with Qt 6 (qSlicerMainWindow::confirmCloseScene)
+    saving = slicer.app.activeModalWidget()
+    if saving is not None:
+        mouse.click(button(saving, "Save"))
+        yield until("the scene is closed", lambda: slicer.app.activeModalWidget() is None, 120)
+    yield 2
 
 
 def scene():
@@ -537,7 +551,7 @@ def scene():
     check("the pushed volumes are checked again", len(ui.pushedSelector.checkedNodes()) == 2)
     check("edge length as before", parameters.edgeLength == 7.0)
     check("materials as before", ui.materialsTable.rowCount == 5, ui.materialsTable.rowCount)
-    check("the table has the segments' colours", swatches() == colours(), swatches())
+    check("the table has the segments' colours", *coloured_like())
     check("the one put aside can be restored", ui.restoreButton.enabled)
     print("    the status line before:", was, "after:", ui.statusLabel.text)
 
@@ -589,7 +603,7 @@ def drawn():
     yield 2
     ui, parameters = panel().ui, panel()._parameterNode
     check("the button asks for what is missing", "choose pushed" in ui.applyButton.text)
-    check("the table has the segments' colours", swatches() == colours(), swatches())
+    check("the table has the segments' colours", *coloured_like())
     photo("segments-in-panel")
     yield from check_volumes(2)
     says = ui.applyButton.text
