@@ -243,11 +243,12 @@ class ElastoIdentifyWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def onSceneEndImport(self, caller=None, event=None):
         self.onSceneEndClose()
-        from ElastoIdentifyLib.views import mend_camera
+        from ElastoIdentifyLib.views import draw_again, mend_camera
 
         model = self.logic.getParameterNode().resultModel
         # The views of the scene are set up after this event.
         qt.QTimer.singleShot(0, lambda: mend_camera(model))
+        qt.QTimer.singleShot(1000, draw_again)
 
     def onNodeAdded(self, caller=None, event=None):
         if self.parent.isEntered:

@@ -150,6 +150,14 @@ def mend_camera(model) -> None:
         turn_camera(view, model, red)
 
 
+def draw_again() -> None:
+    """Draw the 3-D views: what a scene brings is at times not drawn yet when it has been read."""
+    manager = slicer.app.layoutManager()
+    if manager is not None:
+        for number in range(manager.threeDViewCount):
+            manager.threeDWidget(number).threeDView().scheduleRender()
+
+
 def _camera_of(view_node):
     name = view_node.GetLayoutName()
     cameras = slicer.util.getNodesByClass("vtkMRMLCameraNode")

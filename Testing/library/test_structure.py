@@ -103,3 +103,11 @@ def test_what_goes_with_the_sentence(more, level, sizes):
         assert sentence.endswith("from about 6.00 cm across (everywhere from 8.00).")
     if level == CARE:
         assert "hardly show a lesion, of whatever size" in sentence
+
+
+def test_of_a_map_without_a_value_nothing_is_said():
+    """Where no cell is determined, that it is flat is no finding."""
+    cells = SOUND["cells"] | {"identified": 0, "not_determined": 90}
+    verdict = judge(SOUND | {"structure": NOTHING, "cells": cells}, False, False)
+    assert verdict["level"] == DISTRUST
+    assert verdict["nothing_found"] == ""

@@ -97,7 +97,9 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
         doubtful.append("the mesh was cut")
     if report["lost_trials"]:
         doubtful.append("a trial was left out")
-    nothing, seen = _nothing(report.get("structure")), report.get("smallest_visible")
+    # of a map without a value nothing can be said, not that it is flat either
+    nothing = _nothing(report.get("structure")) if open_share < 1 else ""
+    seen = report.get("smallest_visible")
     if nothing and seen and seen["typical"] is None:
         doubtful.append("it would hardly show a lesion, of whatever size")
     return _said(bad, doubtful, factor, nothing)

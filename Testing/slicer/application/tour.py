@@ -291,14 +291,16 @@ def coloured(widget):
     places = [(x, y) for x in range(0, image.width(), 4) for y in range(0, image.height(), 4)]
     found = [qt.QColor(image.pixel(x, y)) for x, y in places]
     parts = [(colour.red(), colour.green(), colour.blue()) for colour in found]
-    share = sum(max(part) - min(part) > 90 for part in parts) / len(parts)
+    box = (255, 0, 255)  # the frame that a 3-D view draws is no map
+    strong = (max(part) - min(part) > 90 and np.ptp([part, box], axis=0).max() > 80 for part in parts)
+    share = sum(strong) / len(parts)
     return share > 0.02, round(share, 3)
 
 
 def sight():
     """Return the angle between the line of sight and the normal of the plane map, in degrees."""
-    view = slicer.app.layoutManager().threeDWidget(0).threeDView().mrmlViewNode()
-    camera = slicer.modules.cameras.logic().GetViewActiveCameraNode(view)
+    window = slicer.app.layoutManager().threeDWidget(0).threeDView().renderWindow()
+    camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()  # not only the scene's node
     points = slicer.util.arrayFromModelPoints(panel()._parameterNode.resultModel)
     normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
     line = np.array(camera.GetFocalPoint()) - np.array(camera.GetPosition())
@@ -494,11 +496,7 @@ def save_scene():
     photo("save")
     mouse.click(button(dialog, "Save"))
     yield 2
-    # it may ask whether a file of this name is to be replaced
-    another = slicer.app.activeModalWidget()
-    if another is not None and another is not dialog:
-        photo("save-replace")
-        mouse.keys("Return")
+    yield from replaced(dialog)
     yield until("the scene's file", lambda: slicer.app.activeModalWidget() is None, 120)
     made = sorted(set(OUTPUT.glob("*.mrb")) - before)
     check("the scene is saved", len(made) == 1, [path.stat().st_size for path in made])
@@ -506,6 +504,15 @@ def save_scene():
         made[0].rename(OUTPUT / "map.mrb")
     else:
         slicer.util.saveScene(str(OUTPUT / "map.mrb"))
+
+
+def replaced(dialog):
+    """Say yes, where a dialog asks whether a file of this name is to be replaced."""
+    another = slicer.app.activeModalWidget()
+    if another is not None and another is not dialog:
+        photo("save-replace")
+        mouse.keys("Return")
+        yield 1
 
 
 def close_scene():
@@ -522,6 +529,8 @@ def close_scene():
     saving = slicer.app.activeModalWidget()
     if saving is not None:
         mouse.click(button(saving, "Save"))
+        yield 2
+        yield from replaced(saving)
         yield until("the scene is closed", lambda: slicer.app.activeModalWidget() is None, 120)
     yield 2
 
@@ -552,7 +561,8 @@ def scene():
     check("edge length as before", parameters.edgeLength == 7.0)
     check("materials as before", ui.materialsTable.rowCount == 5, ui.materialsTable.rowCount)
     check("the table has the segments' colours", *coloured_like())
-    check("the one put aside can be restored", ui.restoreButton.enabled)
+    aside = "again" in PARTS
+    check("what was put aside can be restored", ui.restoreButton.enabled == aside)
     print("    the status line before:", was, "after:", ui.statusLabel.text)
 
 
@@ -664,12 +674,14 @@ def draw(rest):
     slicer.util.selectModule("SegmentEditor")
     yield 2
     editor = slicer.modules.segmenteditor.widgetRepresentation().self().editor
-    if editor.sourceVolumeNode() is None:
-        editor.setSourceVolumeNode(rest)
+    editor.setSourceVolumeNode(rest)
+    slicer.util.setSliceViewerLayers(background=rest)
     yield 1
     red = slicer.app.layoutManager().sliceWidget("Red")
     red.mrmlSliceNode().RotateToVolumePlane(rest)
     red.sliceLogic().FitSliceToAll()
+    sizes = np.array(red.mrmlSliceNode().GetFieldOfView()) * (1.2, 1.2, 1)  # its border is seen
+    red.mrmlSliceNode().SetFieldOfView(*sizes)
     yield 1
     photo("segment-editor")
     width, height = rest.GetImageData().GetDimensions()[:2]
