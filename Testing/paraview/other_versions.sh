@@ -23,13 +23,14 @@ packages=paraview,python3-paraview,python3-scipy,python3-matplotlib,python3-venv
 packages+=,openmpi-bin,xvfb,imagemagick,xdotool,qt6-svg-plugins,libgl1-mesa-dri
 
 inside() { # SUITE COMMAND...: run it in a suite's root, with the project, /tmp and certificates
-    local root=$folder/$1
+    local suite=$1 root=$folder/$1
     shift
-    mkdir -p "$root/project" "$root/etc/ssl/certs"
+    mkdir -p "$root/project" "$root/pictures" "$root/etc/ssl/certs" "$folder/pictures/$suite"
     touch "$root/etc/ssl/certs/ca-certificates.crt" "$root/etc/resolv.conf"
     unshare --mount bash -euo pipefail -c '
         cd "$1"
         mount --bind "$2" project
+        mount --bind "$3" pictures
         mount --bind /tmp tmp
         mount -t proc proc proc
         mount -t sysfs sys sys
@@ -37,9 +38,9 @@ inside() { # SUITE COMMAND...: run it in a suite's root, with the project, /tmp 
         for file in /etc/resolv.conf /etc/hosts /etc/ssl/certs/ca-certificates.crt; do
             [ ! -e "$file" ] || [ ! -e ".$file" ] || mount --bind "$file" ".$file"
         done
-        shift 2
+        shift 3
         exec chroot . env HOME=/root PIP_CERT=/etc/ssl/certs/ca-certificates.crt "$@"
-    ' inside "$root" "$project" "$@"
+    ' inside "$root" "$project" "$folder/pictures/$suite" "$@"
 }
 
 make_root() { # SUITE
@@ -64,7 +65,7 @@ for suite; do
     inside "$suite" env -u ELASTOIDENTIFY_PYTHON -u ELASTOIDENTIFY_PARAVIEW_SITE \
         PYTHONPATH=/project/ElastoIdentify:/project/Testing PYTHONDONTWRITEBYTECODE=1 \
         OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 LC_ALL=C.UTF-8 \
-        ELASTOIDENTIFY_REQUIRE_HOSTS=1 ELASTOIDENTIFY_PICTURES="$folder/pictures/$suite" \
+        ELASTOIDENTIFY_REQUIRE_HOSTS=1 ELASTOIDENTIFY_PICTURES=/pictures \
         bash -c 'cd /project && exec /opt/host/bin/python -m pytest -p no:cacheprovider "$@"' \
         pytest ${PYTEST:-Testing/paraview} || failed=1
 done

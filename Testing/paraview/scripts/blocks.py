@@ -11,7 +11,9 @@ if output.endswith(".vtpc"):
     cases = ConvertToPartitionedDataSetCollection(Input=cases)  # noqa: F405
 stiffness = LameIdentification(Input=cases, KnownMaterials=known, Method="global")  # noqa: F405
 SaveData(output, stiffness)  # noqa: F405
-ranked = ProcessIdScalars(Input=stiffness)  # noqa: F405
+number = globals().get("ProcessIdScalars") or ProcessIds  # noqa: F405  the name from 6.0 on
+ranked = number(Input=stiffness)
 ranked.UpdatePipeline()
-print("ranks that did a block: {:.0f} to {:.0f}".format(*ranked.PointData["ProcessId"].GetRange()))
+(array,) = {"ProcessId", "PointProcessIds"} & {*ranked.PointData.keys()}
+print("ranks that did a block: {:.0f} to {:.0f}".format(*ranked.PointData[array].GetRange()))
 print("done")

@@ -292,7 +292,9 @@ def coloured(widget):
     found = [qt.QColor(image.pixel(x, y)) for x, y in places]
     parts = [(colour.red(), colour.green(), colour.blue()) for colour in found]
     box = (255, 0, 255)  # the frame that a 3-D view draws is no map
-    strong = (max(part) - min(part) > 90 and np.ptp([part, box], axis=0).max() > 80 for part in parts)
+    strong = (
+        max(part) - min(part) > 90 and np.ptp([part, box], axis=0).max() > 80 for part in parts
+    )
     share = sum(strong) / len(parts)
     return share > 0.02, round(share, 3)
 
