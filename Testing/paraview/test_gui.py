@@ -43,7 +43,7 @@ def apply():
 
 
 def menu(name, entry):
-    category = "ElastoIdentify" if version() < (6, 0) else "Elasto Identify"
+    category = "ElastoIdentify" if version() < (5, 13) else "Elasto Identify"
     return [
         event(f"{WINDOW}/menubar", "activate", name),
         event(f"{WINDOW}/menubar/{name}", "activate", category),
