@@ -8,16 +8,19 @@ is shown anywhere, in the middle of a sentence too, has a name and options that 
 
 import argparse
 import csv
+import io
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
+from elastoidentify.cli import main
 from hosts import has_elastix, host_missing
 from printed import check, is_same
 
@@ -55,7 +58,9 @@ def commands(page):
 class Shell:
     """A folder in which commands are typed. What was typed before is not run again.
 
-    What elastix answers is kept (``--cache``), for several pages register the same images.
+    The first command is a process of its own, as in a real shell; the others do without the second
+    that an interpreter takes to start. What elastix answers is kept (``--cache``), for several
+    pages register the same images.
     """
 
     kept = "registrations"
@@ -68,16 +73,27 @@ class Shell:
         assert words[0] == "elastoidentify", words
         if (key := tuple(words)) not in self.printed:
             kept = ["--cache", self.kept] if words[1] in ("run", "register") else []
-            done = subprocess.run(
-                [sys.executable, "-m", *words, *kept],
-                cwd=self.folder,
-                env=os.environ | {"MPLBACKEND": "Agg"},
-                capture_output=True,
-                encoding="utf-8",
-            )
-            assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
-            self.printed[key] = done.stdout
+            run = self._here if self.printed else self._apart
+            code, said, complaints = run([*words[1:], *kept])
+            assert code == 0, f"{shlex.join(words)}\n{complaints}"
+            self.printed[key] = said
         return self.printed[key]
+
+    def _apart(self, words):
+        done = subprocess.run(
+            [sys.executable, "-m", "elastoidentify", *words], cwd=self.folder,
+            env=os.environ | {"MPLBACKEND": "Agg"}, capture_output=True, encoding="utf-8",
+        )  # fmt: skip
+        return done.returncode, done.stdout, done.stderr
+
+    def _here(self, words):
+        before, said, complaints = os.getcwd(), io.StringIO(), io.StringIO()
+        os.chdir(self.folder)
+        try:
+            with redirect_stdout(said), redirect_stderr(complaints):
+                return main(words), said.getvalue(), complaints.getvalue()
+        finally:
+            os.chdir(before)
 
 
 @pytest.fixture(scope="module")
