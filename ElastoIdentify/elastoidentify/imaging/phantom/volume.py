@@ -124,7 +124,7 @@ def make_phantom_volume(
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     direction: np.ndarray | None = None,
     kinematics: str = "small-strain",
-    elements: int = 16,
+    elements: int | None = None,
     solver: Callable = solve_pushes_on_bricks,
     progress: Progress | None = None,
 ) -> Phantom:
@@ -166,6 +166,7 @@ def make_phantom_volume(
         Of the push.
     elements : int
         Quadratic bricks across the block's width. The pad's border should be a border of bricks.
+        Default: one for three voxels, 4 to 16.
     solver : callable
         :func:`.push_bricks.solve_pushes_on_bricks`, or one with the same arguments.
     progress : callable, optional
@@ -185,6 +186,7 @@ def make_phantom_volume(
     if width is None:
         width = 64.0 if texture is None else 0.5 * float((texture.size * texture.spacing).min())
     size = np.array([width, width, height or width], float)
+    elements = elements or min(max(voxels // 12 * 4, 4), 16)
     frame = _frame(size, voxels, anisotropy, margin, floor, origin, direction)
     spheres = [_sphere(ball, size, pad) for ball in balls]
 
