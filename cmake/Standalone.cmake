@@ -21,6 +21,15 @@ elastoidentify_environment(
   INSTALL --editable "${PROJECT_SOURCE_DIR}[test]"
   AFTER demo
 )
+# Of its own: Snakemake's packages set others of the tests back.
+elastoidentify_environment(
+  cohort
+  OPTIONAL
+  FOLDER "${environments}/cohort"
+  PYTHON "${Python3_EXECUTABLE}"
+  INSTALL --editable "${PROJECT_SOURCE_DIR}[cohort]" snakemake-executor-plugin-slurm
+          pytest pytest-timeout
+)
 include(cmake/HostParaView.cmake)
 include(cmake/HostSlicer.cmake)
 
