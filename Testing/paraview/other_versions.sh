@@ -20,7 +20,7 @@ shift || true
 [ $# -gt 0 ] || set -- trixie forky
 
 packages=paraview,python3-paraview,python3-scipy,python3-matplotlib,python3-venv,python3-pip
-packages+=,openmpi-bin,xvfb,imagemagick,xdotool,qt6-svg-plugins,libgl1-mesa-dri
+packages+=,openmpi-bin,xvfb,imagemagick,qt6-svg-plugins,libgl1-mesa-dri
 
 inside() { # SUITE COMMAND...: run it in a suite's root, with the project, /tmp and certificates
     local suite=$1 root=$folder/$1

@@ -221,7 +221,7 @@ def test_a_box_in_the_view_is_one_more_reaction_box(tmp_path, display):
         f"block = ElastoIdentifyImage(FileNames=[{str(tmp_path / 'segmentation.nrrd')!r}], "
         "Kind='segmentation')\nShow(block)\nResetCamera()\nSetActiveSource(block)\n"
     )
-    box = BOX + (version() >= (6,)) * "/tabWidget/qt_tabwidget_stackedwidget/fieldsPage"
+    page = "/tabWidget/qt_tabwidget_stackedwidget/fieldsPage" if version() >= (6, 0) else ""
     ends = {"translateX": 0, "translateY": 15, "translateZ": -1}
     ends |= {"scaleX": 20, "scaleY": 2, "scaleZ": 2}
     steps = [
@@ -230,7 +230,7 @@ def test_a_box_in_the_view_is_one_more_reaction_box(tmp_path, display):
         apply(),
         check(f"{INFORMATION}/dataArraysTable", "modelItemData", "1.2,[0, 0]"),
         event(f"{FORM}/BoxInView/ComboBox", "set_string", "reaction"),
-        *(event(f"{box}/{name}", "set_string", value) for name, value in ends.items()),
+        *(event(f"{BOX}{page}/{name}", "set_string", value) for name, value in ends.items()),
         apply(),
         check(f"{INFORMATION}/dataArraysTable", "modelItemData", "1.2,[0, 1]"),
     ]

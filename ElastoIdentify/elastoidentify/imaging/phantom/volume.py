@@ -186,7 +186,8 @@ def make_phantom_volume(
     if width is None:
         width = 64.0 if texture is None else 0.5 * float((texture.size * texture.spacing).min())
     size = np.array([width, width, height or width], float)
-    elements = elements or min(max(voxels // 12 * 4, 4), 16)
+    if elements is None:  # in fours, as the pad is a quarter
+        elements = min(max(voxels // 12 * 4, 4), 16)
     frame = _frame(size, voxels, anisotropy, margin, floor, origin, direction)
     spheres = [_sphere(ball, size, pad) for ball in balls]
 
