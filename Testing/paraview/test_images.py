@@ -23,6 +23,7 @@ def test_paraview_opens_images_with_their_orientation_by_another_python(script, 
         "reading.py",
         tmp_path,
         *axes.ravel(),
+        what="pvpython",
         ELASTOIDENTIFY_PARAVIEW_SITE="",
         ELASTOIDENTIFY_PYTHON=sys.executable,
     )
