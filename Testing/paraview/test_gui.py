@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pytest
 from hosts import program
-from paraview_host import HERE, LAUNCHER, PACKAGES, end, environment, run, within
+from paraview_host import HERE, LAUNCHER, PACKAGES, end, environment, within
 
 WINDOW = "pqClientMainWindow"
 SCROLL = "qt_scrollarea_viewport"
@@ -96,22 +96,36 @@ def rounded(expression):
 
 def play(tmp_path, display, steps, picture=None, extra=()):
     """Play the steps; return whether they all succeeded, and what the application printed."""
-    path = tmp_path / "steps.xml"
+    script = written(tmp_path / "steps.xml", steps)
+    alive, text = application(tmp_path, display, [script, *extra], ENDED, picture)
+    return alive and SUCCESS in text, text
+
+
+SUCCESS = "Success =  true"
+FAILED = "critical: In event"
+ENDED = rf"is finished\. Success|{FAILED}"
+
+
+def written(path, steps):
+    """Write a script of steps; return the argument that makes the application play it."""
     path.write_text('<?xml version="1.0" ?><pqevents>' + "\n".join(steps) + "</pqevents>")
-    ends = ("is finished. Success", "critical: In event")
-    arguments = [f"--test-script={path}", *extra]
-    alive, text = application(tmp_path, display, arguments, ends, picture)
-    return alive and "Success =  true" in text, text
+    return f"--test-script={path}"
 
 
-def application(tmp_path, display, arguments, ends, picture=None, meanwhile=None):
-    """Let the application run until it has printed one of the `ends`, or for two minutes.
+def application(tmp_path, display, arguments, ended, picture=None, meanwhile=None):
+    """Let the application run until it has printed what matches `ended`, or for two minutes.
 
     `meanwhile` is called every now and then. Returns whether the application is alive then, and
     what it printed.
     """
     log = tmp_path / "log.txt"
     program("paraview")
+
+    def has_ended():
+        if meanwhile:
+            meanwhile()
+        return re.search(ended, log.read_text(), re.S)
+
     with log.open("w") as output:
         window = subprocess.Popen(
             [*LAUNCHER, "gui", "--dr", *arguments],
@@ -120,13 +134,7 @@ def application(tmp_path, display, arguments, ends, picture=None, meanwhile=None
             stderr=subprocess.STDOUT,
         )
         try:
-
-            def ended():
-                if meanwhile:
-                    meanwhile()
-                return any(words in log.read_text() for words in ends)
-
-            within(120, ended, window)
+            within(120, has_ended, window)
             text = log.read_text()
             if picture:
                 time.sleep(1.0)  # the last rendering
@@ -169,22 +177,9 @@ def identified(young, expected):
 RESULT = "17.2"  # where the Calculator's array and its range stand in the table of arrays
 
 
-def test_menus_table_and_apply_give_the_right_stiffness(tmp_path, display):
-    """E = 10 kPa for the pad instead of 5: μ of the tissue is 10000/2.86 Pa, the inclusion's 3×."""
-    steps = identified(10000, f"{RESULT},[3497, 10490]")
-    good, text = play(tmp_path, display, steps)
-    assert good, text
-
-
-def test_a_wrong_expectation_fails(tmp_path, display):
-    """The check above can fail: the same steps with the pad as it was."""
-    good, text = play(tmp_path, display, identified(5000, f"{RESULT},[3497, 10490]"))
-    assert not good
-    assert 'Checked item contain : "[1748, 5245]"' in text
-
-
-def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(tmp_path, display):
-    steps = [
+def failing_first():
+    """A known material that is not there, and then one that is."""
+    return [
         *menu("menuSources", "PushingPhantom"),
         apply(),
         *menu("menuFilters", "LameIdentification"),
@@ -196,12 +191,42 @@ def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(
         check(f"{INFORMATION}/cellCount", "text", 128),
         check(f"{WINDOW}/variableToolbar/displayColor/Variables", "currentText", "Mu"),
     ]
-    good, text = play(tmp_path, display, steps)
-    assert good, text
-    shown = [
-        line for line in text.splitlines() if "returned failure" in line or "Traceback" in line
-    ]
-    assert not shown, text
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory, display):
+    """What the application printed of each of three scripts, which it plays one after another.
+
+    It resets itself before each, and ends at the first that fails: the one that has to is the last.
+    """
+    folder = tmp_path_factory.mktemp("played")
+    scripts = {
+        "right": identified(10000, f"{RESULT},[3497, 10490]"),
+        "failing": failing_first(),
+        "wrong": identified(5000, f"{RESULT},[3497, 10490]"),
+    }
+    arguments = [written(folder / f"{name}.xml", steps) for name, steps in scripts.items()]
+    _, text = application(folder, display, arguments, rf"(is finished.*){{3}}|{FAILED}")
+    parts = re.findall(r"^Playing: \S*/(\w+)\.xml(.*?)(?=^Playing: |\Z)", text, re.M | re.S)
+    return dict.fromkeys(scripts, f"was not played: {text}") | dict(parts)
+
+
+def test_menus_table_and_apply_give_the_right_stiffness(played):
+    """E = 10 kPa for the pad instead of 5: μ of the tissue is 10000/2.86 Pa, the inclusion's 3×."""
+    assert SUCCESS in played["right"], played["right"]
+
+
+def test_a_failing_filter_leaves_the_application_alive_and_the_next_apply_works(played):
+    text = played["failing"]
+    assert SUCCESS in text, text
+    assert "known label 9" in text, text
+    assert not re.search("returned failure|Traceback", text), text
+
+
+def test_a_wrong_expectation_fails(played):
+    """The first check can fail: the same steps with the pad as it was."""
+    assert SUCCESS not in played["wrong"]
+    assert 'Checked item contain : "[1748, 5245]"' in played["wrong"]
 
 
 BOX = f"{FORM}/InteractiveBox"
@@ -285,14 +310,14 @@ def test_a_run_can_be_ended_and_leaves_the_application_usable(tmp_path, display,
             done.append(subprocess.run([*LAUNCHER, "stop"], env=screen, check=True))
 
     script = [f"--script={tmp_path / 'run.py'}"]
-    alive, text = application(tmp_path, display, script, ["ended"], meanwhile=end_it)
+    alive, text = application(tmp_path, display, script, "ended", meanwhile=end_it)
     assert alive and (done or way == "abort"), text
     assert "\n0 cells" in text and "\n512 cells; ended" in text, text
     assert "Traceback" not in text, text
 
 
 @pytest.mark.slow
-def test_pictures_for_the_manual(tmp_path, display):
+def test_pictures_for_the_manual(tmp_path, display, pvpython):
     """The manual's pictures. ELASTOIDENTIFY_PICTURES: where to put them, 1 is docs/pictures."""
     wanted = os.environ.get("ELASTOIDENTIFY_PICTURES") or tmp_path
     folder = PICTURES if wanted == "1" else Path(wanted)
@@ -319,12 +344,8 @@ def test_pictures_for_the_manual(tmp_path, display):
         subprocess.run([*reduce, str(folder / window.name)], check=True)
 
     sample = folder / "paraview-sample.png"
-    done = run(
-        "pvpython",
-        PACKAGES / "elastoidentify" / "paraview" / "sample.py",
-        sample,
-        DISPLAY=display,
-    )
+    script = PACKAGES / "elastoidentify" / "paraview" / "sample.py"
+    done = pvpython(script, sample, DISPLAY=display)
     assert done.returncode == 0, done.stdout
     assert colours(sample) > 100
 
