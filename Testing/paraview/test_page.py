@@ -1,6 +1,7 @@
 """The scripts in docs/paraview.md run as they stand, but that registrations are stored."""
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -42,8 +43,8 @@ def test_the_script_from_images_to_maps_for_others(tmp_path):
         assert (tmp_path / name).exists(), name
 
 
-def test_the_script_for_many_cases_on_two_ranks(script, tmp_path):
-    script("make_blocks.py", tmp_path / "cases.vtm", what="pvbatch")
+def test_the_script_for_many_cases_on_two_ranks(blocks, tmp_path):
+    shutil.copytree(blocks.parent, tmp_path, dirs_exist_ok=True)
     (tmp_path / "cases.py").write_text(CASES, encoding="utf-8")
     done = run("pvbatch", "cases.py", before=mpirun(2), cwd=tmp_path)
     assert done.returncode == 0, done.stdout

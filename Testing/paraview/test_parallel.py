@@ -40,16 +40,23 @@ def arrays(leaf):
     return found
 
 
-@pytest.mark.parametrize("suffix", [".vtm", ".vtpc"])
-def test_four_blocks_on_two_ranks_give_what_one_gives(script, tmp_path, suffix):
-    cases = tmp_path / "cases.vtm"
-    serial, parallel = tmp_path / f"serial{suffix}", tmp_path / f"parallel{suffix}"
-    script("make_blocks.py", cases, what="pvbatch")
-    script("blocks.py", cases, serial, KNOWN, what="pvbatch")
-    text = script("blocks.py", cases, parallel, KNOWN, what="pvbatch", before=mpirun(2))
-    assert "ranks that did a block: 0 to 1" in text
+@pytest.fixture(scope="module")
+def solved(blocks, tmp_path_factory):
+    """Files of four identified blocks by their names, serial and on two ranks, of both kinds."""
+    folder = tmp_path_factory.mktemp("solved")
+    for name, before in (("serial", ()), ("parallel", mpirun(2))):
+        files = [folder / f"{name}{suffix}" for suffix in (".vtm", ".vtpc")]
+        words = (HERE / "scripts" / "blocks.py", blocks, KNOWN, *files)
+        done = run("pvbatch", *words, before=before)
+        assert done.returncode == 0 and "done" in done.stdout.splitlines(), done.stdout
+    said = [line for line in done.stdout.splitlines() if "ranks that did a block" in line]
+    assert said == 2 * ["ranks that did a block: 0 to 1"]
+    return {file.name: file for file in folder.iterdir()}
 
-    ours, theirs = blocks_of(serial), blocks_of(parallel)
+
+@pytest.mark.parametrize("suffix", [".vtm", ".vtpc"])
+def test_four_blocks_on_two_ranks_give_what_one_gives(solved, suffix):
+    ours, theirs = (blocks_of(solved[name + suffix]) for name in ("serial", "parallel"))
     assert len(ours) == len(theirs) == 4
     for one, other in zip(ours, theirs, strict=True):
         one, other = arrays(one), arrays(other)
@@ -62,9 +69,9 @@ def test_four_blocks_on_two_ranks_give_what_one_gives(script, tmp_path, suffix):
 def test_one_bad_block_ends_the_run_with_an_error(script, tmp_path, ranks):
     """The bad block is the last one: with two ranks it fails where no script runs."""
     cases, output = tmp_path / "cases.vtm", tmp_path / "output.vtm"
-    script("make_blocks.py", cases, "--spoil-the-last", what="pvbatch")
+    script("make_blocks.py", cases, "--spoil-the-last")
     before = mpirun(ranks) if ranks > 1 else ()
-    done = run("pvbatch", HERE / "scripts" / "blocks.py", cases, output, KNOWN, before=before)
+    done = run("pvbatch", HERE / "scripts" / "blocks.py", cases, KNOWN, output, before=before)
     assert done.returncode != 0
     assert "ERROR: LameIdentification: known label 1 does not occur in the mesh" in done.stdout
     assert "done" not in done.stdout.splitlines()
