@@ -53,8 +53,10 @@ report = stiffness.SMProxy.GetProperty("Report").GetElement(0)
 assert "label 1: known\nlabel 2: μ" in report, report
 
 # a map under another assumption: the range and the colours of μ's, and its unit
-small = PushingPhantom(Resolution=8, Noise=1e-6)  # noqa: F405
-tried = LameIdentification(Input=small, Method="regularized", Explore=1, Unit="kPa")  # noqa: F405
+small = PushingPhantom(Resolution=6, Noise=1e-6)  # noqa: F405
+tried = LameIdentification(  # noqa: F405
+    Input=small, Method="regularized", Grouping="label", Explore=1, Unit="kPa"
+)
 shown = Show(tried, view)  # noqa: F405
 colour = GetColorTransferFunction("MuIfPlaneStress")  # noqa: F405
 assert len(colour.RGBPoints) > 400, len(colour.RGBPoints)  # not the default's few
