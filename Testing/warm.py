@@ -4,21 +4,18 @@ An interpreter with numpy, scipy and this package takes a second to start and Pa
 again for every script, though few tests are about the start. So one is started for all; a script
 gets a fork of it, which is a process of its own: with its own words, folder, environment, streams,
 state and end. What is about the start itself has to start a program of its own.
-
-As a program, `python warm.py SOCKET WORDS …` stands for the interpreter at that socket.
 """
 
-import json
 import os
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-SERVER = Path(__file__).resolve().with_name("warm_interpreter.py")
+import warm_launcher
+
+INTERPRETER = Path(__file__).resolve().with_name("warm_interpreter.py")
 
 
 class Warm:
@@ -32,13 +29,21 @@ class Warm:
         What it imports, once for all.
     environment : dict
         That it is started in.
+    end : "end", "leave"
+        Whether a script's process ends as the interpreter does, or leaves it as it is: sooner.
+
+    Attributes
+    ----------
+    launcher : list of str
+        A command that runs a script in the interpreter; the script's words come after it.
     """
 
-    def __init__(self, command, modules, environment):
+    def __init__(self, command, modules, environment, end="end"):
         self.folder = Path(tempfile.mkdtemp(prefix="warm-"))  # a socket's path has to be short
         self.place = str(self.folder / "socket")
+        self.launcher = [sys.executable, "-IS", warm_launcher.__file__, self.place]
         self.process = subprocess.Popen(
-            [*command, SERVER, self.place, *modules],
+            [*command, INTERPRETER, end, self.place, *modules],
             env=environment,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -56,7 +61,7 @@ class Warm:
         words = [str(word) for word in words]
         with tempfile.TemporaryFile("w+") as output, open(os.devnull) as nothing:
             streams = [nothing.fileno(), output.fileno(), output.fileno()]
-            code = call(self.place, words, changes, cwd, streams, timeout)
+            code = warm_launcher.call(self.place, words, changes, cwd, streams, timeout)
             output.seek(0)
             return subprocess.CompletedProcess(words, code, output.read())
 
@@ -66,24 +71,3 @@ class Warm:
         self.process.wait()
         self.process.stdout.close()
         shutil.rmtree(self.folder)
-
-
-def call(place, words, changes, cwd, streams, timeout=None) -> int:
-    """Let the interpreter at a socket run a script on three streams; return its exit code."""
-    said = {"words": words, "changes": changes, "cwd": str(cwd or os.getcwd())}
-    with socket.socket(socket.AF_UNIX) as line:
-        line.connect(place)
-        socket.send_fds(line, [b"\n"], streams)
-        line.sendall(json.dumps(said).encode() + b"\n")
-        line.settimeout(timeout)
-        answer = line.makefile()
-        pid = int(answer.readline())
-        try:
-            return int(answer.readline())
-        except TimeoutError:
-            os.kill(pid, signal.SIGKILL)
-            raise subprocess.TimeoutExpired(words, timeout) from None
-
-
-if __name__ == "__main__":
-    sys.exit(call(sys.argv[1], sys.argv[2:], dict(os.environ), None, [0, 1, 2]) & 0xFF)

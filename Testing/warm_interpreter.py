@@ -1,10 +1,12 @@
-"""The other end of `warm`: INTERPRETER warm_interpreter.py SOCKET MODULE …
+"""The other end of `warm`: INTERPRETER warm_interpreter.py end|leave SOCKET MODULE …
 
 Imports the modules, then waits. Every call gets a fork, which returns from `next_call` and runs its
-script at the end of this file: at the top, so that what the script raises ends the interpreter in
-the interpreter's own way.
+script at the end of this file: at the top, so that with `end` what the script raises ends the
+interpreter in the interpreter's own way.
 """
 
+import atexit
+import gc
 import importlib
 import json
 import os
@@ -12,6 +14,7 @@ import select
 import signal
 import socket
 import sys
+import traceback
 
 ON_SOCKET = 3  # streams: input, output, errors
 
@@ -56,20 +59,39 @@ def become(line, streams):
     return said["words"]
 
 
+def run_and_leave(code, names):
+    """Run code and end without taking the interpreter down, which takes longer than most runs."""
+    status = 0
+    try:
+        exec(code, names)
+    except SystemExit as end:
+        status = end.code or 0
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    os._exit(status)
+
+
 def close(streams):
     """Close file descriptors."""
     for stream in streams:
         os.close(stream)
 
 
+run = run_and_leave if sys.argv.pop(1) == "leave" else exec
 for module in sys.argv[2:]:
     importlib.import_module(module)
+gc.freeze()  # what is there now is not looked at again, in no fork, nor copied for that
 sys.argv = next_call(sys.argv[1])
 if sys.argv[0] == "-c":
-    path, code = "<string>", sys.argv.pop(1)
+    folder, path, code = "", "<string>", sys.argv.pop(1)
 else:
     path = os.path.abspath(sys.argv[0])
-    sys.path[0] = os.path.dirname(path)
+    folder = os.path.dirname(path)
     with open(path, encoding="utf-8") as file:
         code = file.read()
-exec(compile(code, path, "exec"), {"__name__": "__main__", "__file__": path})
+if not getattr(sys.flags, "safe_path", False):
+    sys.path[0] = folder
+run(compile(code, path, "exec"), {"__name__": "__main__", "__file__": path})

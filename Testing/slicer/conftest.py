@@ -1,10 +1,12 @@
 """Slicer's core with stand-ins for the application, and the module under test."""
 
 import os
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
+from warm import Warm
 
 HERE = Path(__file__).resolve().parent
 MODULE = HERE.parents[1] / "ElastoIdentify" / "ElastoIdentify.py"
@@ -34,6 +36,30 @@ def pytest_configure(config):
     application.start()
     widgets.install()
     (sources if sources.folder() else modules).install(str(MODULE))
+
+
+@pytest.fixture(scope="session")
+def python_slicer():
+    """A folder with a PythonSlicer, the launcher of an interpreter that is warm; see `warm`.
+
+    As with Slicer's own, the interpreter outlives its launcher, until its input ends.
+    """
+    from elastoidentify.workers.elastix_client import worker_environment
+
+    paths = [str(MODULE.parent), worker_environment()["PYTHONPATH"]]
+    environment = {**worker_environment(), "PYTHONPATH": os.pathsep.join(paths)}
+    warm = Warm([sys.executable], ["elastoidentify.pipeline"], environment, "leave")
+    launcher = warm.folder / "PythonSlicer"
+    launcher.write_text(f'#!/bin/sh\nexec {shlex.join(warm.launcher)} "$@"\n')
+    launcher.chmod(0o755)
+    yield warm.folder
+    warm.close()
+
+
+@pytest.fixture
+def warm(python_slicer, monkeypatch):
+    """Runs in the background start at once. Those of test_background start as Slicer's do."""
+    monkeypatch.setenv("PATH", str(python_slicer), prepend=os.pathsep)
 
 
 @pytest.fixture(autouse=True)

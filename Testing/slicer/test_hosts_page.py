@@ -10,6 +10,8 @@ from stored_registration import only_read, stored_outcome  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 
 def test_the_script_prints_what_the_pipeline_finds(tmp_path, monkeypatch, capsys):
     phantom, study = files(tmp_path)

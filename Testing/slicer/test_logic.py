@@ -40,6 +40,8 @@ from ElastoIdentify import (  # noqa: E402
     loadSampleVolume,
 )
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 FLIP = np.array([-1.0, -1.0, 1.0])
 CELL_ARRAYS = (
     "Label",

@@ -16,6 +16,8 @@ from stored_registration import only_read, stored_outcome  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "slicer.md").read_text(encoding="utf-8")
 PAD, TISSUE, INCLUSION, TABLE = 1, 2, 3, 4
 

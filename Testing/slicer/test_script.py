@@ -16,6 +16,8 @@ from stored_registration import only_read, stored_outcome  # noqa: E402
 
 import ElastoIdentify  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "scripts" / "slicer_phantom.py"
 
 

@@ -15,6 +15,8 @@ from make_messages import LEFT_OUT, PACKAGE, ROOMS, is_sentence, module, templat
 
 from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 
 @pytest.fixture
 def marked(monkeypatch):

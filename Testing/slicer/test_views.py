@@ -15,6 +15,8 @@ from standins.views import slice_view, space_view  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic, loadSample  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 
 def screen_axes(volume):
     """Right, up and towards the viewer, for the plane of a volume of one slice."""

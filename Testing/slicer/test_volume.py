@@ -23,6 +23,8 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy  # noqa: E402
 
 from ElastoIdentify import ElastoIdentifyLogic  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 FLIP = np.array([-1.0, -1.0, 1.0])
 NAMES = {1: "indenter", 2: "pad", 3: "tissue", 4: "inclusion", 5: "floor"}
 PAD, TISSUE, INCLUSION = 2, 3, 4

@@ -16,6 +16,8 @@ from standins.widgets import ModulePanel  # noqa: E402
 
 import ElastoIdentify as module  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 
 @pytest.fixture
 def panel():
