@@ -81,13 +81,16 @@ def store(study, phantom, folder: Path):
     """
     study.cache = str(folder)
     mesh = pipeline.make_mesh(study)
-    return mesh, pipeline.measure(
+    workers, study.workers = study.workers, 1  # a second one would be elastix itself
+    measured = pipeline.measure(
         study,
         mesh.points,
         mesh.cells,
         reaction_nodes=mesh.reaction_nodes,
         elastix=TrueDisplacements(phantom),
     )
+    study.workers = workers
+    return mesh, measured
 
 
 def stored_outcome(study, phantom, folder: Path):
