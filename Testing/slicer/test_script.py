@@ -43,7 +43,7 @@ def test_a_failure_is_told_and_is_the_exit_code(exits, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_script_goes_from_the_phantom_to_the_files(exits, monkeypatch, tmp_path, capsys):
     """On a smaller phantom whose registrations are stored: the script's table is the pipeline's."""
-    phantom = make_phantom(inclusions=[Inclusion(contrast=3.0)], pixels=144, elements=24)
+    phantom = make_phantom(inclusions=[Inclusion(contrast=3.0)], pixels=96, width=56, elements=24)
     stored = tmp_path / "stored"
     study = Request(**sample.phantom_nodes(phantom) | {"edgeLength": 7.0, "options": {}}).study()
     outcome = stored_outcome(study, phantom, stored)
