@@ -91,11 +91,11 @@ class DirectSystem:
         rows, self.row_scale = [[P] + [None] * len(self.K)], []
         for t, S in enumerate(self.S):
             S = S if extra is None else S + extra / scale**2
-            s = sp.diags(1 / (scale * np.sqrt(S.diagonal())))
-            R = s @ state.R_free[t]
+            s = 1 / (scale * np.sqrt(S.diagonal()))
+            R = _scaled(state.R_free[t], s)
             rows[0][t + 1] = R.T
             row = [R] + [None] * len(self.K)
-            row[t + 1] = -(scale**2) * (s @ S @ s)
+            row[t + 1] = _scaled(S, -(scale**2) * s, s)
             rows.append(row)
             self.row_scale.append(s)
         matrix = sp.bmat(rows, format="csc")
@@ -128,11 +128,11 @@ class DirectSystem:
 
     def _solved(self, parameter_part, load):
         """dx and q of each trial for the forces K v."""
-        force = [-(s @ one) for s, one in zip(self.row_scale, load, strict=True)]
+        force = [-s[:, None] * one for s, one in zip(self.row_scale, load, strict=True)]
         found = self.solver.solve(np.concatenate([parameter_part, *force]))
         n, parts = len(parameter_part), []
         for t, s in enumerate(self.row_scale):
-            parts.append(s @ found[n + t * self.n_free :][: self.n_free])
+            parts.append(s[:, None] * found[n + t * self.n_free :][: self.n_free])
         return found[:n], parts
 
 
@@ -310,6 +310,17 @@ class Dense:
 
 def _dot(a, b):
     return sum(np.einsum("ij,ij->j", p, q) for p, q in zip(a, b, strict=True))
+
+
+def _scaled(A, rows, columns=None):
+    """diag(rows) A diag(columns) of a sparse matrix by columns or rows."""
+    major, minor = (rows, columns) if A.format == "csr" else (columns, rows)
+    data = A.data
+    if major is not None:
+        data = data * np.repeat(major, np.diff(A.indptr))
+    if minor is not None:
+        data = data * minor[A.indices]
+    return type(A)((data, A.indices, A.indptr), A.shape)
 
 
 def _padding(slots, d):

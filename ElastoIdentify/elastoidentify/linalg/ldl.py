@@ -45,12 +45,20 @@ def nested_dissection(matrix: sp.spmatrix, places: np.ndarray) -> list[np.ndarra
         touches = touching(*sides), touching(*sides[::-1])
         smaller = int(touches[1].sum() < touches[0].sum())
         ours, theirs, between = sides[smaller], sides[1 - smaller], touches[smaller]
-        return [*divide(ours[~between]), *divide(theirs), ours[between]]
+        return [*divide(ours[~between]), *divide(theirs), _in_line(ours[between], places)]
 
     coupled = np.diff(pattern.indptr)
     everywhere = coupled > EVERYWHERE * np.median(coupled)
     pieces = [*divide(np.flatnonzero(~everywhere)), np.flatnonzero(everywhere)]
     return [piece for piece in pieces if len(piece)]
+
+
+def _in_line(ids, places):
+    """A separator's unknowns from one end to the other: what touches it does so in one stretch."""
+    if not len(ids):
+        return ids
+    x = places[ids]
+    return ids[np.argsort(x[:, np.argmax(np.ptp(x, axis=0))], kind="stable")]
 
 
 class QuasiDefiniteSolver:
