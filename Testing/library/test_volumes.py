@@ -74,7 +74,10 @@ def test_the_same_volume_gives_the_same_map_whatever_makes_the_factors(monkeypat
     monkeypatch.setattr(Factoriser, "__call__", _dense)
     other = cube.identify()
     unknown = ~cube.known
-    np.testing.assert_allclose(first.young[unknown], other.young[unknown], rtol=0.02)
+    apart = np.abs(first.mu - other.mu)[unknown]
+    # steps end at a tolerance: cells that hardly anything determines may end a little elsewhere
+    assert np.median(apart / first.mu[unknown]) < 0.005
+    assert (apart < 0.5 * first.mu_std[unknown]).all()
 
 
 def _dense(self, matrix):
