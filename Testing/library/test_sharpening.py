@@ -124,7 +124,7 @@ def test_the_freedom_of_the_unsharpened_map_is_the_trace_of_its_answer(monkeypat
             np.trace(a.T @ (o.weight @ b)) / fit.scale**2
             for a, b, o in zip(roots[0], answer[0], fit.misfit.terms[0], strict=True)
         )
-        seen.update(exact=gram, drawn=stein.judged(plain).freedom)
+        seen.update(exact=gram, drawn=stein.freedom(plain, 60))
         monkeypatch.setattr(sharpening, "DRAWS", 1)
         return original(fit)
 

@@ -23,7 +23,7 @@ Displacements that come with their information are a registration's: the unsharp
 their errors, so the sharpest map is taken as it is.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,6 +36,7 @@ SETTLED, ROUGHLY = 0.05, 0.1  # largest change of a log-modulus in the last step
 EXPONENTS = {2: (3.0, 0.75), 3: (0.5,)}
 UNSHARPENED = 0.0
 DRAWS, MANY = 2, 3_000  # of added noise; parameters from which one does, as chance averages out
+CERTAIN = 1.0  # standard deviations of what draws leave to chance, beyond which no more are taken
 WARY = 3.5  # charge for a degree of freedom, chosen on the bodies that docs/theory.md names
 LIMIT = 50_000  # free degrees of freedom beyond which fitting anew costs too much
 EDGE, REFITS = 0.1, 4  # jump of a log-modulus that is an edge; steps with each boundary one jump
@@ -49,8 +50,6 @@ class Map:
     x: np.ndarray
     eta: np.ndarray
     residuals: list
-    misfit: float = 0.0  # |y − u(y)|² / σ², with σ of the variational stage
-    freedom: float = 0.0  # df
 
 
 def sharpen(fit) -> tuple[Map, Map | None]:
@@ -77,20 +76,19 @@ def sharpen(fit) -> tuple[Map, Map | None]:
         return _refitted(fit, _sharpened(fit, exponents[0])), None
     if fit.forward.n_free > LIMIT:
         return _refitted(fit, _sharpened(fit, exponents[0])), plain
-    stein = Stein(fit, plain)
-    plain, kept = stein.judged(plain), None
+    stein, kept = Stein(fit, plain), None
     for exponent in exponents:
         _go_to(fit, plain)
-        one = stein.judged(_sharpened(fit, exponent))
+        one = _sharpened(fit, exponent)
         if kept is None:
-            stein.noise = max(one.misfit / max(fit.n_equations, 1), 1e-9)
+            stein.noise = max(stein.misfit(one) / max(fit.n_equations, 1), 1e-9)
             kept = one
-        elif stein.gain(one, kept, WARY) > stein.doubt(one, kept):
+        elif stein.prefers(one, kept, WARY):
             kept = one
-        sure = stein.gain(kept, plain, 2) > stein.doubt(kept, plain)
+        sure = stein.prefers(kept, plain, 2)
         if sure:
             break
-    if stein.gain(plain, kept, WARY) > stein.doubt(plain, kept):
+    if stein.prefers(plain, kept, WARY):
         kept = plain
     _go_to(fit, kept)
     if kept is plain:
@@ -108,7 +106,7 @@ def rule(kept: Map) -> str:
 
 
 class Stein:
-    """The parts of Stein's estimate for each map, with the same added noise for all.
+    """Stein's estimate of the maps' risks, with the same added noise for all.
 
     Parameters
     ----------
@@ -122,6 +120,7 @@ class Stein:
         draws = DRAWS if len(fit.x) < MANY else 1
         self.added = [fit.misfit.noise(rng, 1, fit.scale) for _ in range(draws)]
         self.noise = 1.0  # variance of the noise, in units of that of the variational stage
+        self.drawn = {}  # what each draw tells of a map's freedom, by exponent
         self.starts, nothing = [], np.zeros((len(fit.x), 1))
         for noise in self.added:
             dx, db = fit.system.solve(nothing, noise, tell=fit.tell)
@@ -130,34 +129,46 @@ class Stein:
             left = difference(plain.residuals, difference(seen, noise))
             self.starts.append(Map(UNSHARPENED, plain.x + dx[:, 0], eta, left))
 
-    def judged(self, one: Map) -> Map:
-        """Return the map with its misfit and freedom."""
-        freedom = 0.0
-        for noise, again in zip(self.added, self._again(one), strict=True):
-            answer = difference(noise, difference(again, one.residuals))
-            freedom += self._product(noise, answer) / len(self.added)
-        return replace(one, misfit=self._product(one.residuals, one.residuals), freedom=freedom)
+    def prefers(self, one: Map, other: Map, charge: float) -> bool:
+        """Tell whether one map's risk is below the other's by more than chance.
 
-    def _again(self, one):
-        """What the same way leaves of the measured numbers with noise added, per draw."""
-        fit = self.fit
-        for noise, start in zip(self.added, self.starts, strict=True):
-            if one.exponent == UNSHARPENED:  # to first order
-                yield start.residuals
-                continue
-            fit.added = noise
-            _go_to(fit, start)
-            yield _sharpened(fit, one.exponent, ROUGHLY).residuals
-            fit.added = None
-
-    def gain(self, one: Map, other: Map, charge: float) -> float:
-        """Return by how much the risk of one is below that of the other."""
-        return (other.misfit - one.misfit) / self.noise + charge * (other.freedom - one.freedom)
-
-    def doubt(self, one: Map, other: Map) -> float:
-        """Return the standard deviation of the gain that the noise makes."""
+        A draw costs a fit. Of the difference of two maps' freedom it tells wᵀ (A − B) w, with A and
+        B their answers to noise, which scatters by √2 |A − B|; were both projections, one within
+        the other, that would be √(2 |df_A − df_B|).
+        """
         apart = difference(one.residuals, other.residuals)
-        return 2 * np.sqrt(max(self._product(apart, apart), 0.0) / self.noise)
+        doubt = 2 * np.sqrt(max(self._product(apart, apart), 0.0) / self.noise)
+        for draws in range(1, len(self.added) + 1):
+            freedom = self.freedom(other, draws) - self.freedom(one, draws)
+            gain = (self.misfit(other) - self.misfit(one)) / self.noise + charge * freedom
+            scatter = charge * np.sqrt(2 * max(abs(freedom), 1.0) / draws)
+            if abs(gain - doubt) > CERTAIN * scatter:
+                break
+        return bool(gain > doubt)
+
+    def misfit(self, one: Map) -> float:
+        """Return |y − u(y)|² / σ², with σ of the variational stage."""
+        return self._product(one.residuals, one.residuals)
+
+    def freedom(self, one: Map, draws: int) -> float:
+        """Return df of a map, by so many draws."""
+        drawn = self.drawn.setdefault(one.exponent, [])
+        for draw in range(len(drawn), draws):
+            noise = self.added[draw]
+            answer = difference(noise, difference(self._again(one, draw), one.residuals))
+            drawn.append(self._product(noise, answer))
+        return sum(drawn[:draws]) / draws
+
+    def _again(self, one, draw):
+        """What the same way leaves of the measured numbers with the draw's noise added."""
+        start = self.starts[draw]
+        if one.exponent == UNSHARPENED:  # to first order
+            return start.residuals
+        self.fit.added = self.added[draw]
+        _go_to(self.fit, start)
+        residuals = _sharpened(self.fit, one.exponent, ROUGHLY).residuals
+        self.fit.added = None
+        return residuals
 
     def _product(self, a, b):
         """Σ aᵀ W b / σ² of numbers per term and trial."""
