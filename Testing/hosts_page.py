@@ -13,12 +13,12 @@ from printed import check
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "hosts.md").read_text(encoding="utf-8")
 
 
-def block(heading: str, kind: str, **changes: str) -> str:
-    """Return the first block of a kind under a heading of the page.
+def block(heading: str, kind: str, page: str = PAGE, **changes: str) -> str:
+    """Return the first block of a kind under a heading of a page, else of that of all hosts.
 
     `changes`: name of a function that the block calls → argument to add to the call.
     """
-    section = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S).group(1)
+    section = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", page, re.M | re.S).group(1)
     text = re.search(rf"^```{kind}\n(.*?)^```", section, re.M | re.S).group(1)
     for name, argument in changes.items():
         assert text.count(f"{name}(") == 1

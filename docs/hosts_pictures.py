@@ -1,12 +1,13 @@
 """Run the programs of hosts.md as they stand, and keep its pictures.
 
-    python docs/hosts_pictures.py command-line | paraview | slicer
+    python docs/hosts_pictures.py command-line | paraview | slicer | paraview-volume
 
 Each with the Python of that host's tests; ParaView's needs Xvfb and ImageMagick. Each prints what
-the page shows.
+the page shows. The last one's program is that of volumes.md, its picture paraview-volume.png.
 """
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -36,6 +37,23 @@ view.InteractionMode, view.CameraParallelProjection = "2D", 1
 view.ResetCamera()
 Render()
 """
+BALL = """
+view = GetActiveViewOrCreate("RenderView")
+for part, edges in ((half, "Surface"), (stiff, "Surface With Edges")):
+    shown = Show(part, view)
+    shown.Representation = edges
+    ColorBy(shown, ("CELLS", "YoungModulus"))
+colours = GetColorTransferFunction("YoungModulus")
+colours.RescaleTransferFunction(0.0, 12000.0)
+shown.SetScalarBarVisibility(view, True)
+frame = Show(stiffness, view)
+frame.Representation = "Outline"
+SetActiveSource(stiffness)
+view.CameraViewUp, view.CameraPosition = [0, 0, 1], [110, -190, 110]
+view.CameraFocalPoint = [40, 40, 38]
+view.ResetCamera()
+Render()
+"""
 
 
 def command(heading: str) -> None:
@@ -57,13 +75,34 @@ def command_line(picture: Path) -> None:
 
 def paraview(picture: Path) -> None:
     """Keep ParaView's window after the script."""
+    window(block("ParaView", "python") + SHOW, picture)
+
+
+def paraview_volume(picture: Path) -> None:
+    """Keep ParaView's window after the script of volumes.md; registrations are made before."""
+    from paraview_host import run
+
+    page = (DOCS / "volumes.md").read_text(encoding="utf-8")
+    words = re.search(r"`(elastoidentify phantom --3d --hidden[^`]*)`", page).group(1)
+    subprocess.run([*COMMAND, *words.split()], check=True)
+    script = block("In ParaView", "python", page, ElastixNodalDisplacement="Cache='cache'")
+    Path("ball.py").write_text(script + "moved.UpdatePipeline()\n", encoding="utf-8")
+    done = run("pvpython", "ball.py", timeout=1800)
+    assert done.returncode == 0, done.stdout
+    window(script + BALL, picture)
+
+
+def window(script: str, picture: Path) -> None:
+    """Keep ParaView's window after a script."""
     from test_gui import WINDOW, event, play
 
-    Path("study.py").write_text(block("ParaView", "python") + SHOW, encoding="utf-8")
+    Path("study.py").write_text(script, encoding="utf-8")
     menu = f"{WINDOW}/menubar/menu_View"  # messages open in a window of their own
     steps = [event(menu, "activate", "Output Messages")]
     with virtual_display() as display:
-        good, text = play(Path.cwd(), display, steps, Path("w.png"), ["--script=study.py"])
+        good, text = play(
+            Path.cwd(), display, steps, Path("w.png"), ["--script=study.py"], seconds=1800
+        )
     assert good, text
     print(text)  # the script's lines
     reduce = ["convert", "w.png", "+dither", "-colors", "64", str(picture)]
@@ -89,10 +128,14 @@ def slicer(picture: Path) -> None:
 
 if __name__ == "__main__":
     host = sys.argv[1].replace("-", "_")
-    target = DOCS / "pictures" / f"hosts-{sys.argv[1]}.png"
+    name = sys.argv[1] if host == "paraview_volume" else f"hosts-{sys.argv[1]}"
+    target = DOCS / "pictures" / f"{name}.png"
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        command("The files")
-        {"command_line": command_line, "paraview": paraview, "slicer": slicer}[host](target)
+        if host == "paraview_volume":
+            paraview_volume(target)
+        else:
+            command("The files")
+            {"command_line": command_line, "paraview": paraview, "slicer": slicer}[host](target)
         os.chdir(DOCS)

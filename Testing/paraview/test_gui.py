@@ -94,10 +94,10 @@ def rounded(expression):
     ]
 
 
-def play(tmp_path, display, steps, picture=None, extra=()):
+def play(tmp_path, display, steps, picture=None, extra=(), seconds=120):
     """Play the steps; return whether they all succeeded, and what the application printed."""
     script = written(tmp_path / "steps.xml", steps)
-    alive, text = application(tmp_path, display, [script, *extra], ENDED, picture)
+    alive, text = application(tmp_path, display, [script, *extra], ENDED, picture, seconds=seconds)
     return alive and SUCCESS in text, text
 
 
@@ -112,8 +112,8 @@ def written(path, steps):
     return f"--test-script={path}"
 
 
-def application(tmp_path, display, arguments, ended, picture=None, meanwhile=None):
-    """Let the application run until it has printed what matches `ended`, or for two minutes.
+def application(tmp_path, display, arguments, ended, picture=None, meanwhile=None, seconds=120):
+    """Let the application run until it has printed what matches `ended`, or for so many seconds.
 
     `meanwhile` is called every now and then. Returns whether the application is alive then, and
     what it printed.
@@ -134,7 +134,7 @@ def application(tmp_path, display, arguments, ended, picture=None, meanwhile=Non
             stderr=subprocess.STDOUT,
         )
         try:
-            within(120, has_ended, window)
+            within(seconds, has_ended, window)
             text = log.read_text()
             if picture:
                 time.sleep(1.0)  # the last rendering

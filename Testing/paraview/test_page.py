@@ -1,4 +1,4 @@
-"""The scripts in docs/paraview.md run as they stand, but that registrations are stored."""
+"""The scripts in ParaView's pages run as they stand, but that registrations are stored."""
 
 import re
 import shutil
@@ -41,6 +41,42 @@ def test_the_script_from_images_to_maps_for_others(tmp_path):
     assert done.returncode == 0, done.stdout
     for name in ("stiffness.vtu", "case1_mu.nii.gz", "case1/mu.dcm", "case1.html"):
         assert (tmp_path / name).exists(), name
+
+
+def test_the_script_for_a_volume_shows_the_ball_and_half_of_the_block(tmp_path):
+    """On a piece of the page's block, with cells of the page's size."""
+    pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install scikit-fem")
+    from elastoidentify.imaging.phantom import make_phantom_volume, write_phantom
+    from elastoidentify.imaging.phantom.volume import Ball
+    from elastoidentify.study import Study
+    from hosts_page import block
+    from stored_registration import only_read, store
+
+    ball = Ball(0.5, 0.5, 0.4, 0.3, 3.0)
+    body = make_phantom_volume(voxels=16, width=24.0, height=24.0, hidden=True, balls=[ball])
+    write_phantom(tmp_path / "phantom", body)
+    study = Study(
+        segmentation=body.segmentation, rest=body.rest, pushed=body.pushed, edge_length=8.0,
+        rigid_labels=body.rigid_labels,
+    )  # fmt: skip
+    store(study, body, tmp_path / "stored")
+    page = PAGE.with_name("volumes.md").read_text(encoding="utf-8")
+    script = block("In ParaView", "python", page, ElastixNodalDisplacement="Cache='stored'")
+    (tmp_path / "ball.py").write_text(script + SEEN, encoding="utf-8")
+    with only_read(tmp_path / "stored"):
+        done = run("pvpython", "-W", "ignore", "ball.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    whole, inside, cut = map(float, re.search(r"^cells (.*)", done.stdout, re.M).group(1).split())
+    assert 0 < inside < 0.25 * whole
+    assert 0.4 * whole < cut < 0.7 * whole
+
+
+SEEN = """
+parts = (stiffness, stiff, half)
+for part in parts:
+    part.UpdatePipeline()
+print("cells", *(part.GetDataInformation().GetNumberOfCells() for part in parts))
+"""
 
 
 def test_the_script_for_many_cases_on_two_ranks(blocks, tmp_path):

@@ -71,7 +71,7 @@ def test_the_program_of_the_theory_prints_the_figures_of_its_table(capsys):
 
 
 def test_every_program_of_a_page_is_run_somewhere():
-    elsewhere = {"docs/paraview.md", "docs/slicer.md", "docs/hosts.md"}
+    elsewhere = {"docs/paraview.md", "docs/slicer.md", "docs/hosts.md", "docs/volumes.md"}
     here = {"README.md", "docs/meshing.md", "docs/registration.md", "docs/theory.md"}
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     with_program = {str(one.relative_to(ROOT)) for one in pages if programs(one)}
