@@ -143,16 +143,37 @@ class TotalVariation:
         self.once = np.ones(len(self.size))
         for field in range(self.n_fields):
             here = np.flatnonzero(self.field == field)
-            here = here[~self.apart[here]]
-            within, between = here[~self.edges[here]], here[self.edges[here]]
-            first = field * len(self.pairs)
-            one, other = self.pairs[within - first].T
-            links = sp.coo_matrix((np.ones(len(one)), (one, other)), (self.n_groups,) * 2)
-            region = connected_components(links, directed=False)[1]
-            sides = np.sort(region[self.pairs[between - first]], axis=1)
+            between = here[self.edges[here] & ~self.apart[here]]
+            region = connected_components(self._within(field), directed=False)[1]
+            sides = np.sort(region[self.pairs[between - here[0]]], axis=1)
             _, boundary = np.unique(sides, axis=0, return_inverse=True)
             boundary = boundary.ravel()
             self.once[between] = 1 / np.bincount(boundary, self.size[between])[boundary]
+
+    def _within(self, field: int) -> sp.csr_matrix:
+        """Which groups hang together in a region of one of the fields, (n_groups, n_groups)."""
+        here = self.field == field
+        one, other = self.pairs[~self.edges[here] & ~self.apart[here]].T
+        links = sp.csr_matrix((np.ones(len(one)), (one, other)), (self.n_groups,) * 2)
+        return links + links.T
+
+    def merged(self, change: np.ndarray) -> np.ndarray:
+        """Return how a change (n,) of the map goes beyond that of its regions, (n,).
+
+        Less the mean of each region, which the refit finds, and averaged over neighbours of the
+        same region, twice: what is left is common to several cells.
+        """
+        out = np.zeros(len(change))
+        for field in range(self.n_fields):
+            links = self._within(field) + sp.identity(self.n_groups)
+            region = connected_components(links, directed=False)[1]
+            part = change[field * self.n_groups :][: self.n_groups]
+            mean = np.bincount(region, part) / np.bincount(region)
+            part = part - mean[region]
+            for _ in range(2):
+                part = (links @ part) / (links @ np.ones(self.n_groups))
+            out[field * self.n_groups :][: self.n_groups] = part
+        return out
 
     def hessian(self):
         return self.difference.T @ sp.diags(self.weights) @ self.difference

@@ -348,6 +348,8 @@ class _Fit:
             shift, warnings = self._shifted(M, mu)
             # either way: it is an estimate of the size, and the map is not corrected by it
             errors = errors + self.bias[:, None] * (-1.0) ** np.arange(errors.shape[1])
+        if self.kept.merged is not None:
+            errors = _and_either_way(errors, self.kept.merged)
         ratios = self.parameters.ratios_found(self.x, errors)
         stretches = self.parameters.stretches_found(self.x, errors)
         weight = self.variation.field_weight if len(self.variation) else []
@@ -413,6 +415,12 @@ class _Fit:
             f"regularized: step {len(self.log)}, misfit {misfit:.3f}, largest change {size:.2g}",
         )
         self.tell()
+
+
+def _and_either_way(errors, one):
+    """Samples (n, m + 2) whose covariance is that of samples (n, m) and of an error ± one."""
+    m = errors.shape[1]
+    return np.hstack([errors * np.sqrt((m + 2) / m), np.outer(one, [1, -1]) * np.sqrt((m + 2) / 2)])
 
 
 def _typical_poisson(unknowns):

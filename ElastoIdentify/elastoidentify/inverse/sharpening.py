@@ -20,10 +20,12 @@ overdispersed counts are (Burnham and Anderson, Model Selection and Multimodel I
 is what the sharpest map finds, and a sharper map is left only for a gain beyond chance. Where
 Stein's own estimate does not confirm the choice, both maps stand: errors are samples of either.
 Displacements that come with their information are a registration's: the unsharpened map would fit
-their errors, so the sharpest map is taken as it is.
+their errors, so the sharpest map is taken. A weak lesion that it merges with the tissue looks just
+like such errors: what the unsharpened map showed within a region of the sharpened one, common to
+several cells, is counted as an error of either sign.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +52,7 @@ class Map:
     x: np.ndarray
     eta: np.ndarray
     residuals: list
+    merged: np.ndarray | None = None  # (n,) what a map of a registration lost in its regions
 
 
 def sharpen(fit) -> tuple[Map, Map | None]:
@@ -73,7 +76,8 @@ def sharpen(fit) -> tuple[Map, Map | None]:
         return _here(fit, UNSHARPENED), None
     plain, exponents = _here(fit, UNSHARPENED), EXPONENTS[fit.problem.mesh.dim]
     if fit.problem.noise.information is not None:
-        return _refitted(fit, _sharpened(fit, exponents[0])), None
+        kept = _refitted(fit, _sharpened(fit, exponents[0]))
+        return replace(kept, merged=fit.variation.merged(plain.x - kept.x)), None
     if fit.forward.n_free > LIMIT:
         return _refitted(fit, _sharpened(fit, exponents[0])), plain
     stein, kept = Stein(fit, plain), None
