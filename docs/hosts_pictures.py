@@ -86,7 +86,7 @@ def paraview_volume(picture: Path) -> None:
     words = re.search(r"`(elastoidentify phantom --3d --hidden[^`]*)`", page).group(1)
     subprocess.run([*COMMAND, *words.split()], check=True)
     script = block("In ParaView", "python", page, ElastixNodalDisplacement="Cache='cache'")
-    Path("ball.py").write_text(script + "moved.UpdatePipeline()\n", encoding="utf-8")
+    Path("ball.py").write_text(script, encoding="utf-8")  # which updates all
     done = run("pvpython", "ball.py", timeout=1800)
     assert done.returncode == 0, done.stdout
     window(script + BALL, picture)
