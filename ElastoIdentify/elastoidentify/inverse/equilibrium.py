@@ -225,12 +225,13 @@ class Equilibrium:
 
     def add_slopes(self, state: State):
         """Give a state the derivatives of its forces by the parameters."""
-        L, M = (part[self.parent] for part in self.parameters.slopes(state.x))
+        # products keep the entries that happen to be zero, sums do not: one pattern for all states
+        slopes = [part[self.parent] for part in self.parameters.slopes(state.x)]
+        slopes = sp.vstack(slopes, format="csc")
         state.R = []
         cells = self._cells_of_trials(state.x)
         for t, u in enumerate(self.displacements(state.eta)):
-            per_lam, per_mu = cells[t].force_matrices(u)
-            R = self.Z.T @ (per_lam @ L + per_mu @ M)
+            R = self.Z.T @ (sp.hstack(cells[t].force_matrices(u), format="csc") @ slopes)
             column = self.parameters.stretch_column(t)
             if column is not None:
                 lam, _ = self._moduli(state.x)

@@ -26,6 +26,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from ..linalg.blocks import Blocks
 from ..linalg.factor import Factoriser
 from .equilibrium import State
 from .misfit import Misfit, difference
@@ -50,26 +51,32 @@ class DirectSystem:
     def __init__(self, parameter_places, node_places):
         self.parameter_places, self.node_places = parameter_places, node_places
         self.factorise_S, self.factorise_all = Factoriser(node_places), None
-        self._covariances = {}
+        self.together, self._covariances, self.state = Blocks(), {}, None
 
     def refit(self, state: State, misfit: Misfit, tell=None) -> list[np.ndarray]:
         """Return the db, (n_held,) per trial, of the balanced displacements nearest to measured."""
-        (self.observations,) = misfit.terms
-        n = self.n_free = state.n_free
-        self.K = [K[:n] for K in state.K]
-        self.C = [self._covariance(o) for o in self.observations]
-        self.S, out, solver = [], [], None
-        for t, (K, C, o) in enumerate(zip(self.K, self.C, self.observations, strict=True)):
-            if not (t and state.shared and C is self.C[0]):
-                self.S.append((K @ C @ K.T).tocsc())
-                solver = self.factorise_S(self.S[-1])
-            else:
-                self.S.append(self.S[0])
-            v = o.by_eta.T @ o.residual
+        self._take(state, misfit)
+        out, solver = [], None
+        for t, (K, C, S) in enumerate(zip(self.K, self.C, self.S, strict=True)):
+            if solver is None or S is not self.S[t - 1]:
+                solver = self.factorise_S(S)
+            v = self.observations[t].by_eta.T @ self.observations[t].residual
             q = solver.solve(K @ v)
-            q += solver.solve(K @ v - self.S[-1] @ q)  # S squares K's condition: refine once
-            out.append((v - C @ (K.T @ q))[n:])
+            q += solver.solve(K @ v - S @ q)  # S squares K's condition: refine once
+            out.append((v - C @ (K.T @ q))[self.n_free :])
         return out
+
+    def _take(self, state, misfit):
+        """Take the matrices K, C and S = K C Kᵀ of each trial, once for each state."""
+        (self.observations,) = misfit.terms
+        if state is self.state:
+            return
+        self.state, n = state, state.n_free
+        self.n_free, self.K, self.S = n, [K[:n] for K in state.K], []
+        self.C = [self._covariance(o) for o in self.observations]
+        for t, (K, C) in enumerate(zip(self.K, self.C, strict=True)):
+            same = t and state.shared and C is self.C[0]
+            self.S.append(self.S[0] if same else (K @ C @ K.T).tocsc())
 
     def _covariance(self, o):
         """C on all of η: nodes without measurement are nearly free. One for all states."""
@@ -82,11 +89,11 @@ class DirectSystem:
         return self._covariances[key][1]
 
     def factorise(self, P: sp.spmatrix, state: State, misfit: Misfit, scale: float, extra=None):
-        """Take new matrices, after `refit`; the force rows get a unit diagonal of σ²S.
+        """Take new matrices; the force rows get a unit diagonal of σ²S.
 
         `extra` (n_free, n_free) is added to σ²S: the covariance of forces that the law lacks.
         """
-        (self.observations,) = misfit.terms
+        self._take(state, misfit)
         self.scale = scale
         rows, self.row_scale = [[P] + [None] * len(self.K)], []
         for t, S in enumerate(self.S):
@@ -98,7 +105,7 @@ class DirectSystem:
             row[t + 1] = _scaled(S, -(scale**2) * s, s)
             rows.append(row)
             self.row_scale.append(s)
-        matrix = sp.bmat(rows, format="csc")
+        matrix = self.together(rows)
         if self.factorise_all is None:
             places = np.vstack([self.parameter_places, *[self.node_places] * len(self.K)])
             self.factorise_all = Factoriser(places, definite=False)

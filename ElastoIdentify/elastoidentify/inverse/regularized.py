@@ -34,6 +34,7 @@ from .structure import found_structure
 from .visibility import resolved, smallest_visible
 
 VARIATIONAL_STEPS, POSTERIOR_STEPS = 20, 2
+NEAR = 0.3  # change of log-moduli after which the held nodes are where the step has put them
 SETTLED = 0.1  # largest change of a log-modulus in the last variational step
 # the figures from so few samples scatter by a fifth; those that are reported by a fourteenth
 SAMPLES, FINAL_SAMPLES = 16, 100
@@ -85,6 +86,7 @@ class _Fit:
         self.system = self._make_system()
         self.scale = problem.noise.scale
         self.samples = self.added = None  # added: noise on the measured numbers, per term and trial
+        self.moved = np.inf  # largest change of a parameter that the held nodes may not follow
         self.log, self.rounds = [], 0  # rounds of sharpening
         self.at = (0.0, "regularized: first fit")
 
@@ -114,7 +116,9 @@ class _Fit:
     def evaluate(self):
         """Balance the trials at x, as near to the measurements as they get, and linearise there."""
         self.state = self.forward.settle(self.x, self.eta, self.tell)
-        self.eta = self.state.eta = self._nearest(self.state)
+        if self.moved > NEAR:
+            self.state.eta = self._nearest(self.state)
+        self.eta = self.state.eta
         self.forward.add_slopes(self.state)
         self.misfit = Misfit(self.terms, self.state, self.added)
 
@@ -146,7 +150,7 @@ class _Fit:
         if m:
             self.samples = dx[:, 1:], [b[:, 1:] for b in db]
         dx, db = dx[:, 0], [b[:, 0] for b in db]
-        size = np.abs(dx).max()
+        size = self.moved = np.abs(dx).max()
         damped = min(1.0, 1.0 / max(size, 1e-300))
         self.x = self.x + damped * dx
         self.eta = self.forward.moved(self.state, damped * dx, [damped * b for b in db])

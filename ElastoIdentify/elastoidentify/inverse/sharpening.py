@@ -221,5 +221,7 @@ def _here(fit, exponent) -> Map:
 
 
 def _go_to(fit, one: Map):
-    fit.x, fit.eta = one.x, one.eta
+    if fit.x is one.x and fit.eta is one.eta:
+        return  # it is there
+    fit.x, fit.eta, fit.moved = one.x, one.eta, np.inf
     fit.evaluate()
