@@ -1,13 +1,15 @@
 """Where the model does not fit: what ModelMisfit flags of bodies that break one assumption each.
 
     python Testing/benchmarks/model_misfit.py                    # forward data, white noise
+    python Testing/benchmarks/model_misfit.py --volumes          # the same in space
     python Testing/benchmarks/model_misfit.py --phantoms 5 8 10  # images, ν given wrongly
 
 First form: bodies of Testing/broken.py, quadratic cells on a finer mesh. "found": flagged share of
 the cells in which the model error lives; "false": of the cells that are neither those nor more than
-25 % wrong in E. Second form: phantoms of images_to_moduli.py, 3:1, the inclusion hidden; the share
-of the tissue and of the pad that is flagged, of the tissue that is more than 25 % wrong in E, the
-noise found over that stated, and the verdict.
+25 % wrong in E. Second form: bodies of Testing/broken_volumes.py, likewise. Third form: phantoms of
+images_to_moduli.py, 3:1, the inclusion hidden; the share of the tissue and of the pad that is
+flagged, of the tissue that is more than 25 % wrong in E, the noise found over that stated, and the
+verdict.
 """
 
 import argparse
@@ -21,7 +23,7 @@ from elastoidentify.workers.elastix_client import ElastixProcess
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-NOISE = 0.01
+NOISE, VOLUME_NOISE = 0.01, 5e-4  # mm; of the height, 1 % of the push
 WRONG = np.log(1.25)
 KINDS = {
     "sound": {},
@@ -51,6 +53,32 @@ def exact(seed: int) -> None:
         right = body.known | (np.abs(np.log(result.young / body.young)) < WRONG)
         hit, false = (_share(flagged, c) for c in (body.offending, ~body.offending & right))
         print(f"| {name} | {hit} | {false} | {_end(result)}", flush=True)
+
+
+def volumes(seed: int) -> None:
+    """Print a line per body in space."""
+    from broken_volumes import PAD, block, pushed_cube
+
+    bodies = {
+        "the pad slips": lambda: block(told_to_slip=False),
+        "it slips, and that is told": lambda: block(told_to_slip=True),
+        "nothing, ν 0.45": lambda: pushed_cube(0.45, 0.45, n=8, fine=16),
+        "ν 0.49 for 0.45": lambda: pushed_cube(0.49, 0.45, n=8, fine=16),
+        "ν 0.40 for 0.45": lambda: pushed_cube(0.40, 0.45, n=8, fine=16),
+    }
+    print("| what is wrong | cells | found | false | noise | verdict |\n|---|---|---|---|---|---|")
+    for name, make in bodies.items():
+        body = make()
+        u, std = body.noisy(VOLUME_NOISE, seed)
+        result = identify(
+            body.points, body.cells, u, {PAD: body.pad}, labels=body.labels, slip=body.slip,
+            reaction_nodes=body.reaction, unknowns="young", poisson_ratio=body.poisson,
+            method="regularized", information=np.broadcast_to(np.eye(3) / std**2, (*u.shape, 3)),
+        )  # fmt: skip
+        flagged = result.model_misfit > FLAGGED
+        right = (body.labels == PAD) | (np.abs(np.log(result.young / body.young)) < WRONG)
+        hit, false = (_share(flagged, c) for c in (body.offending, ~body.offending & right))
+        print(f"| {name} | {len(flagged)} | {hit} | {false} | {_end(result)}", flush=True)
 
 
 def registered(numbers) -> None:
@@ -90,10 +118,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--phantoms", nargs="+", type=int)
+    parser.add_argument("--volumes", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     if arguments.phantoms:
         registered(arguments.phantoms)
+    elif arguments.volumes:
+        volumes(arguments.seed)
     else:
         exact(arguments.seed)
 

@@ -11,6 +11,7 @@ from elastoidentify.results import QUANTITIES
 
 pytest.importorskip("skfem")
 import broken
+import broken_volumes
 
 NOISE = 0.01  # mm; 0.7 % of the push
 FAR_OFF = np.log(1.25)
@@ -99,6 +100,39 @@ def test_the_measure_of_a_strain_is_the_energy_that_it_costs():
         strain = (H + H.T) / 2
         expected = lam * np.trace(strain) ** 2 + 2 * mu * (strain**2).sum()
         np.testing.assert_allclose(energy, mesh.volumes * expected, rtol=1e-12)
+
+
+def found_in_space(body, **options):
+    u, _ = body.noisy(1e-3)
+    return identify(
+        body.points, body.cells, u, {broken_volumes.PAD: body.pad}, labels=body.labels,
+        slip=body.slip, reaction_nodes=body.reaction, unknowns="young", poisson_ratio=body.poisson,
+        method="regularized", **options,
+    )  # fmt: skip
+
+
+def test_in_space_a_pad_that_slips_is_found_and_said_though_no_noise_was_stated():
+    stuck, told = (broken_volumes.block(told_to_slip) for told_to_slip in (False, True))
+    u, std = stuck.noisy(1e-3)
+    stated = np.broadcast_to(np.eye(3) / std**2, (*u.shape, 3))
+    for options, least in (({"information": stated}, 0.9), ({}, 0.5)):
+        result = found_in_space(stuck, grouping="label", **options)
+        assert (result.model_misfit > FLAGGED)[stuck.offending].mean() >= least
+        assert "the model does not fit in" in result.report["verdict"]["sentence"]
+    result = found_in_space(told)  # cell by cell: a ball that its label hides is a misfit, too
+    assert (result.model_misfit > FLAGGED).mean() <= 0.12
+    assert "the model does not fit in" not in result.report["verdict"]["sentence"]
+
+
+def test_in_space_a_sound_body_is_hardly_flagged_and_a_large_one_is_not_looked_at(monkeypatch):
+    from elastoidentify.inverse import regularized
+
+    body = broken_volumes.pushed_cube(0.45, 0.45)
+    assert (found_in_space(body).model_misfit > FLAGGED).mean() <= 0.08
+    monkeypatch.setattr(regularized, "MOST_FACTORISED", 1_000)
+    large = found_in_space(body, grouping="label")
+    assert np.isnan(large.model_misfit).all()
+    assert any("too many in a volume of this size" in line for line in report_lines(large.report))
 
 
 def test_methods_that_cannot_tell_say_nothing():

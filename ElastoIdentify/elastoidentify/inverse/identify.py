@@ -551,4 +551,4 @@ def _why_no_misfit(estimate):
         return ""
     if estimate.report["method"] != "regularized":
         return "the regularized method alone can tell"
-    return "in volumes it would take the covariance of the forces of all nodes"
+    return "it takes the covariance of the forces of all nodes, too many in a volume of this size"

@@ -37,17 +37,20 @@ FLAGGED = 0.1  # share from which a cell counts: chance takes some 4 % of sound 
 STEPS, SAMPLES = 6, 16
 MOST = 1e3  # times that a variance may grow in a step
 START = 0.1  # of what the noise lets see
-REACH = 3.0  # radius, in cell sizes, over which the evidence of neighbours is taken together
+# radius, in cell sizes, by dimension: the evidence of some 28 cells is taken together
+REACH = {2: 3.0, 3: 1.9}
 
 
-def model_misfit(fit, stated: float | None) -> ModelMisfit:
+def model_misfit(fit, system, stated: float | None) -> ModelMisfit:
     """Tell where the law of a regularized fit lacks a stress.
 
     Parameters
     ----------
     fit : object
-        With ``forward``, ``state``, ``misfit``, ``prior``, ``x``, ``parameters``, ``system`` (a
-        :class:`~.newton_systems.DirectSystem` after `refit`), ``scale``, ``tell``.
+        With ``forward``, ``state``, ``misfit``, ``prior``, ``x``, ``parameters``, ``scale``,
+        ``tell``.
+    system : DirectSystem
+        Factorised at the fit's state, prior and scale; it takes other matrices here.
     stated : float, optional
         The noise scale where it was stated; then it is a lower bound: errors of a registration are
         alike over many nodes, which the information knows and their scatter does not show.
@@ -62,20 +65,18 @@ def model_misfit(fit, stated: float | None) -> ModelMisfit:
     def energies(q):
         return sum((free @ one).reshape(mesh.n_cells, dim**2, -1) ** 2 for one in q).sum(axis=1)
 
-    seen = energies(_multipliers(fit, free, None, scale))[:, 1:].mean(axis=1)
+    seen = energies(_multipliers(fit, system, free, None, scale))[:, 1:].mean(axis=1)
     components = dim * (dim + 1) / 2 * state.eta.shape[1]
     unseen = seen <= 1e-12 * seen.max()
     alone = components / np.where(unseen, 1.0, seen)  # t, the τ² that noise alone looks like
     variance = START * alone
     for _ in range(STEPS):
-        q = _multipliers(fit, free, variance, scale)
+        q = _multipliers(fit, system, free, variance, scale)
         power = energies(q)
         expected = near @ power[:, 1:].mean(axis=1)
         ratio = (near @ power[:, 0]) / np.where(expected > 0, expected, 1.0)
         variance = variance * np.minimum(ratio, MOST)
-        noise = sum(
-            np.einsum("im,im->m", one, S @ one) for one, S in zip(q, fit.system.S, strict=True)
-        )
+        noise = sum(np.einsum("im,im->m", one, S @ one) for one, S in zip(q, system.S, strict=True))
         if noise[0] > 0 and noise[1:].mean() > 0:  # else both are rounding
             scale = scale * np.sqrt(noise[0] / noise[1:].mean())
         scale = max(scale, stated or 0.0)
@@ -117,7 +118,7 @@ def stress_measure(forward: Equilibrium, lam: np.ndarray, mu: np.ndarray) -> sp.
     return (root @ total @ forward.Z).tocsr()
 
 
-def _multipliers(fit, free, variance, scale):
+def _multipliers(fit, system, free, variance, scale):
     """q (n_free, 1 + samples) of each trial: of the data, and of samples of the model itself."""
     rng = np.random.default_rng(0)  # the same numbers in every step: else τ² would not settle
     trials, n = fit.state.eta.shape[1], free.shape[0]
@@ -134,13 +135,14 @@ def _multipliers(fit, free, variance, scale):
     prior = np.hstack([-fit.prior.gradient(fit.x)[:, None], sampled])
     numbers = beside(fit.misfit.residuals(), fit.misfit.noise(rng, SAMPLES, scale))
     fit.tell()
-    fit.system.factorise(fit.prior.hessian(), fit.state, fit.misfit, scale, extra)
-    return fit.system.multipliers(prior, numbers, forces)
+    if extra is not None or scale != fit.scale:  # else the fit's own factors are there
+        system.factorise(fit.prior.hessian(), fit.state, fit.misfit, scale, extra)
+    return system.multipliers(prior, numbers, forces)
 
 
 def _neighbourhoods(mesh: Mesh, known: np.ndarray) -> sp.csr_matrix:
     """Weighted means over the cells around each one; known and unknown cells apart."""
-    reach = REACH * np.median(mesh.volumes) ** (1 / mesh.dim)
+    reach = REACH[mesh.dim] * np.median(mesh.volumes) ** (1 / mesh.dim)
     tree = cKDTree(mesh.centres)
     gap = tree.sparse_distance_matrix(tree, reach, output_type="coo_matrix")
     row, col = (np.concatenate([part, np.arange(mesh.n_cells)]) for part in (gap.row, gap.col))

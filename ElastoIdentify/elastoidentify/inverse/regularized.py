@@ -43,6 +43,7 @@ MOST_FOR_THESE = 20_000  # parameters; beyond, or by products, the last samples 
 ROUGH_SAMPLES, ROUGH, FINE = 4, 0.03, 0.01
 # degrees of freedom up to which it is said what could be seen, unasked; by products it costs little
 MOST_LOOKED_AT = 20_000
+MOST_FACTORISED = 8_000  # unknowns of a volume for which the model is looked at by factors
 FEW = 100  # parameters for which all samples are taken always
 
 
@@ -91,11 +92,15 @@ class _Fit:
         self.at = (0.0, "regularized: first fit")
 
     def _make_system(self):
-        mesh, places = self.problem.mesh, self.parameters.places
+        mesh = self.problem.mesh
         if mesh.dim == 2 and len(self.terms) == 1:
-            nodes = self.forward.mesh.points[self.forward.free // 2]
-            return DirectSystem(places, nodes)
-        return ReducedSystem(places, mesh.dim if self.forward.by_node else 1)
+            return self._factorised_system()
+        return ReducedSystem(self.parameters.places, mesh.dim if self.forward.by_node else 1)
+
+    def _factorised_system(self):
+        forward = self.forward
+        nodes = forward.mesh.points[forward.free // forward.mesh.dim]
+        return DirectSystem(self.parameters.places, nodes)
 
     @property
     def by_products(self) -> bool:
@@ -293,12 +298,20 @@ class _Fit:
 
     def _model_misfit(self):
         """Tell where the model does not fit: last, as it takes other matrices."""
-        noise = self.problem.noise
-        self.unexplained = None
-        if not self.by_products:
-            stated = noise.scale if noise.information is None else 1.0
-            self.at = (0.99, "regularized: where the model does not fit")
-            self.unexplained = model_misfit(self, stated)
+        noise, self.unexplained, system = self.problem.noise, None, self.system
+        stated = noise.scale if noise.information is None else 1.0
+        self.at = (0.99, "regularized: where the model does not fit")
+        if self.by_products:
+            if len(self.terms) > 1 or self._unknowns > MOST_FACTORISED:
+                return
+            system = self._factorised_system()
+            system.factorise(self.prior.hessian(), self.state, self.misfit, self.scale)
+        self.unexplained = model_misfit(self, system, stated)
+
+    @property
+    def _unknowns(self):
+        """Of the system by factors: parameters, and a multiplier for each force that balances."""
+        return self.parameters.n + self.forward.n_free * len(self.problem.displacements)
 
     def _structure(self):
         """Tell whether a map of cells shows anything but noise."""
