@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 from elastoidentify.fem.forward import square_mesh
-from forward import symmetric_solver
-from skfem.helpers import ddot, sym_grad, trace
+from forward import stiffness, symmetric_solver
+from skfem.helpers import sym_grad, trace
 
 SIDE, STRIP = 30.0, 7.5
 CENTRE, RADIUS = (15.0, 12.0), 4.5
@@ -117,25 +117,17 @@ class _Solver:
         basis = self.basis
         along = np.array([np.cos(angle), np.sin(angle)])
 
-        def material(w):
-            inside = (w.x[0] - centre[0]) ** 2 + (w.x[1] - centre[1]) ** 2 < radius**2
-            pad = w.x[1] > SIDE - STRIP
-            E, nu = np.where(inside, contrast, 1.0), np.where(pad, *poisson)
-            return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)), inside
-
-        @skfem.BilinearForm
-        def stiffness(u, v, w):
-            lam, mu, inside = material(w)
-            eu, ev = sym_grad(u), sym_grad(v)
-            fibre = [np.einsum("i,j,ij...->...", along, along, e) for e in (eu, ev)]
-            isotropic = lam * trace(eu) * trace(ev) + 2 * mu * ddot(eu, ev)
-            return isotropic + fibres * inside * fibre[0] * fibre[1]
+        x, y = np.asarray(basis.global_coordinates())
+        inside = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 < radius**2
+        E, nu = np.where(inside, contrast, 1.0), np.where(y > SIDE - STRIP, *poisson)
+        lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
         @skfem.LinearForm
         def across(v, w):
-            return -material(w)[0] * trace(sym_grad(v))
+            return -w.lam * trace(sym_grad(v))
 
-        K, load = stiffness.assemble(basis), across.assemble(basis)
+        K = stiffness(basis, lam, mu, fibres * inside, along)
+        load = across.assemble(basis, lam=lam)
         top = basis.get_dofs(lambda x: np.isclose(x[1], SIDE))
         floor = basis.get_dofs(lambda x: np.isclose(x[1], 0))
         fixed = np.unique(np.concatenate([top.all(), floor.all()]))

@@ -1,5 +1,6 @@
 """Maps written as DICOM, read back by other programs, voxel by voxel at its place in the world."""
 
+import importlib.util
 import shutil
 import subprocess
 import sys
@@ -10,9 +11,15 @@ import pytest
 
 
 def tool(name):
-    """Return a program of this environment or of the system; skips where it is missing."""
-    beside = Path(sys.executable).with_name(name)
-    found = str(beside) if beside.exists() else shutil.which(name)
+    """Return a program of this environment or of the system; skips where it is missing.
+
+    What the environment has of dcmqi starts a Python that starts the program; here it is called
+    without.
+    """
+    dcmqi = importlib.util.find_spec("dcmqi")
+    folders = [Path(dcmqi.origin).parent / "bin"] if dcmqi else []
+    places = [folder / name for folder in (*folders, Path(sys.executable).parent)]
+    found = next((str(place) for place in places if place.is_file()), shutil.which(name))
     if found is None:
         pytest.skip(f"needs {name}: pip install dcmqi, or apt-get install dicom3tools calculix-ccx")
     return found

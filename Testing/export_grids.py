@@ -9,7 +9,7 @@ from elastoidentify.imaging.image import Image
 from scipy.spatial.transform import Rotation
 
 TURN = Rotation.from_euler("zyx", (25, -35, 50), degrees=True).as_matrix()
-SIZE, SPACING, ORIGIN = (7, 6, 5), (1.1, 1.7, 2.3), (-183.25, 97.5, 412.125)
+SIZE, SPACING, ORIGIN = (6, 5, 4), (1.1, 1.7, 2.3), (-183.25, 97.5, 412.125)
 
 
 def directions():

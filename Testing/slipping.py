@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 from elastoidentify.fem.forward import box_mesh, square_mesh
+from forward import stiffness
 from scipy.sparse.linalg import splu
 from skfem.helpers import ddot
 
@@ -160,6 +161,7 @@ class _Body:
         E = np.where(pad, E_PAD, E_TISSUE * np.where(stiff, CONTRAST, 1.0))
         self.lam = E * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
         self.mu = E / (2 * (1 + POISSON))
+        self.small = stiffness(self.basis, self.lam, self.mu)
         # nodes (vertices, mid-edges, …): place and degrees of freedom
         where = np.round(self.basis.doflocs.T, 9)
         order = np.lexsort(where.T)
@@ -180,8 +182,7 @@ class _Body:
         """Forces and stiffness at u."""
         eye = np.eye(self.dim)[:, :, None, None]
         if not finite:
-            K = _tangent_small.assemble(self.basis, lam=self.lam, mu=self.mu)
-            return K @ u, K
+            return self.small @ u, self.small
         F = eye + self.basis.interpolate(u).grad
         inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (2, 3))), (2, 3), (0, 1))
         log_j = np.log(np.linalg.det(np.moveaxis(F, (0, 1), (2, 3))))
@@ -196,14 +197,6 @@ class _Body:
 @skfem.LinearForm
 def _stress(v, w):
     return ddot(w.stress, v.grad)
-
-
-@skfem.BilinearForm
-def _tangent_small(u, v, w):
-    strain = (u.grad + np.swapaxes(u.grad, 0, 1)) / 2
-    trace_u = sum(u.grad[i, i] for i in range(len(u.grad)))
-    trace_v = sum(v.grad[i, i] for i in range(len(v.grad)))
-    return 2 * w.mu * ddot(strain, v.grad) + w.lam * trace_u * trace_v
 
 
 @skfem.BilinearForm

@@ -88,7 +88,7 @@ def test_dciodvfy_finds_no_error(tmp_path, direction):
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_planar_image_of_any_orientation_is_one_frame(tmp_path, axis):
-    image = slice_of_image(grid(TURN), axis, 2)
+    image = slice_of_image(grid(TURN, size=(7, 6, 5)), axis, 2)
     made = planar(image)
     files = write_dicom(tmp_path, made, image)
     assert {file.name for file in files} == {"rest_0001.dcm", "mu.dcm", "mu_std.dcm", "labels.dcm"}

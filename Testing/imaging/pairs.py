@@ -14,8 +14,8 @@ from importlib import metadata
 
 import numpy as np
 import scipy.sparse as sp
+from elastoidentify.linalg.factor import Factoriser
 from scipy import ndimage
-from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay
 
 SIZE = 256
@@ -59,56 +59,70 @@ class Displacement:
         raise ArithmeticError("the displacement could not be inverted")
 
 
-@cache
 def unit_push(direction: str) -> np.ndarray:
     """Displacement grid (2, m, m) of a push of one pixel at the top."""
+    return np.tensordot(DIRECTIONS[direction], axis_pushes(), 1)
+
+
+@cache
+def axis_pushes() -> np.ndarray:
+    """Displacement grids (2, 2, m, m) of pushes of one pixel along x, and along y.
+
+    Any other push is their sum, for the problem is linear.
+    """
     import skfem
-    from skfem.helpers import ddot, sym_grad, trace
 
     ticks = np.arange(LOW, HIGH + 1, 2.0)
-    basis = skfem.Basis(
-        skfem.MeshQuad.init_tensor(ticks, ticks),
-        skfem.ElementVector(skfem.ElementQuad2()),
-        intorder=4,
-    )
-    poisson = 0.47
-
-    @skfem.BilinearForm
-    def stiffness(u, v, w):
-        x, y = w.x
-        cx, cy, radius = INCLUSION
-        young = np.where((x - cx) ** 2 + (y - cy) ** 2 < radius**2, 8.0, 1.0)
-        lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-        mu = young / (2 * (1 + poisson))
-        strain, test = sym_grad(u), sym_grad(v)
-        return lam * trace(strain) * trace(test) + 2 * mu * ddot(strain, test)
-
-    component = np.zeros(basis.N, int)
-    for dofs in (basis.nodal_dofs, basis.facet_dofs, basis.interior_dofs):
-        for row in range(dofs.shape[0]):
-            component[dofs[row]] = row % 2
+    basis = skfem.Basis(skfem.MeshQuad.init_tensor(ticks, ticks), skfem.ElementQuad2(), intorder=4)
     x, y = basis.doflocs
-    u = np.zeros(basis.N)
-    top = np.isclose(y, LOW)
-    u[top] = np.array(DIRECTIONS[direction])[component[top]]
-    fixed = np.flatnonzero(top | np.isclose(y, HIGH))
-    u = skfem.solve(*skfem.condense(stiffness.assemble(basis), np.zeros(basis.N), x=u, D=fixed))
-    grid = np.full((2, SIZE + 2 * MARGIN + 1, SIZE + 2 * MARGIN + 1), np.nan)
-    grid[component, np.rint(y).astype(int) + MARGIN, np.rint(x).astype(int) + MARGIN] = u
-    return np.stack([_extend(one) for one in grid])
+    top, floor = (np.repeat(np.isclose(y, end), 2) for end in (LOW, HIGH))
+    u = top[:, None] * np.tile(np.eye(2), (len(y), 1))  # unknowns x, y, x, y, …; a column per push
+    _solve(_stiffness(basis), u, ~top & ~floor, np.repeat(basis.doflocs.T, 2, axis=0))
+    grid = np.full((2, 2, SIZE + 2 * MARGIN + 1, SIZE + 2 * MARGIN + 1), np.nan)
+    i, j = (np.rint(one).astype(int) + MARGIN for one in (x, y))
+    grid[..., j, i] = u.reshape(len(y), 2, 2).T
+    return _extend(grid)
 
 
-def _extend(values: np.ndarray) -> np.ndarray:
-    """Fill the unknown (NaN) part of a grid harmonically, to 0 at its border."""
-    values = values.copy()
-    values[[0, -1]] = values[:, [0, -1]] = 0.0
-    size = len(values)
-    second = sp.diags([1.0, -2.0, 1.0], [-1, 0, 1], shape=(size, size))
+def _stiffness(basis):
+    """Matrix of the block on equal squares, the unknowns of a node one after the other.
+
+    The squares differ in their material only, so the products of gradients are made once.
+    """
+    x, y = basis.global_coordinates()
+    cx, cy, radius = INCLUSION
+    young, poisson = np.where((x - cx) ** 2 + (y - cy) ** 2 < radius**2, 8.0, 1.0), 0.47
+    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson)) * basis.dx
+    mu = young / (2 * (1 + poisson)) * basis.dx
+    slope = np.stack([one[0].grad[:, 0] for one in basis.basis])  # (nodes, 2, Gauss points)
+    dilatation = np.einsum("aiq,bjq->qaibj", slope, slope)
+    shear = np.einsum("akq,bkq,ij->qaibj", slope, slope, np.eye(2))
+    shear += np.einsum("ajq,biq->qaibj", slope, slope)
+    size = 2 * len(slope)
+    local = (part.reshape(-1, size**2) for part in (dilatation, shear))
+    values = sum(factor @ part for factor, part in zip((lam, mu), local, strict=True))
+    rows = (2 * basis.element_dofs.T[:, :, None] + np.arange(2)).reshape(-1, size)
+    place = np.repeat(rows, size, axis=1).ravel(), np.tile(rows, size).ravel()
+    return sp.csr_matrix((values.ravel(), place))
+
+
+def _solve(matrix, values, free, places):
+    """Fill in the free rows of `values` (n, k), so that the equations of these rows hold."""
+    factors = Factoriser(places[free])(matrix[free][:, free])
+    values[free] = factors.solve(-(matrix[free][:, ~free] @ values[~free]))
+
+
+def _extend(grids: np.ndarray) -> np.ndarray:
+    """Fill the unknown (NaN) part of grids (..., m, m) harmonically, to 0 at their border."""
+    grids = grids.copy()
+    grids[..., [0, -1], :] = grids[..., [0, -1]] = 0.0
+    size = grids.shape[-1]
+    second = sp.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(size, size))
     laplace = (sp.kron(second, sp.eye(size)) + sp.kron(sp.eye(size), second)).tocsr()
-    flat = values.ravel()
-    free = np.isnan(flat)
-    flat[free] = spsolve(laplace[free][:, free], -(laplace[free][:, ~free] @ flat[~free]))
-    return flat.reshape(size, size)
+    flat = grids.reshape(-1, size**2).T.copy()
+    free = np.isnan(flat[:, 0])
+    _solve(laplace, flat, free, np.argwhere(np.ones((size, size))))
+    return flat.T.reshape(grids.shape)
 
 
 def mr_volume():

@@ -11,6 +11,7 @@ from elastoidentify.imaging.io import read_image
 from elastoidentify.imaging.phantom.planar import Inclusion, make_phantom, write_phantom
 from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
 from elastoidentify.vtk_io.vtu import read_mesh
+from quick_elastix import quick_parameters
 from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -30,7 +31,7 @@ def young_by_label(folder, place):
         slice_of(read_image(mni152_path()), index=92),
         inclusions=[Inclusion(contrast=3.0)],
         kinematics="neo-hookean",
-        elements=40,
+        elements=28,
         **place,
     )
     write_phantom(folder, made)
@@ -44,6 +45,7 @@ def young_by_label(folder, place):
     words += ["--edge-length", edge, "--known", f"{PAD}:E={pad.young},nu={pad.poisson}"]
     words += ["--method", "regularized", "--kinematics", "neo-hookean", "--group", "label"]
     words += ["--unknowns", "young", "--poisson", pad.poisson, "-o", folder / "map.vtu"]
+    words += ["--parameters", quick_parameters(folder)]
     assert main([str(word) for word in words]) == 0
     grid = read_mesh(folder / "map.vtu")
     labels, young = (
@@ -53,6 +55,7 @@ def young_by_label(folder, place):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("waiting_elastix")
 def test_an_oblique_anisotropic_image_gives_the_moduli_of_the_upright_one(tmp_path):
     upright, _ = young_by_label(tmp_path / "upright", PLACES["upright"])
     oblique, grid = young_by_label(tmp_path / "oblique", PLACES["oblique"])

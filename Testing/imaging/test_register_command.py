@@ -9,11 +9,12 @@ from elastoidentify.imaging.io import read_image, write_image
 from elastoidentify.imaging.phantom.planar import make_phantom, write_phantom
 from elastoidentify.imaging.phantom.texture import mni152_path, slice_of
 from elastoidentify.vtk_io.vtu import read_mesh
+from quick_elastix import quick_parameters
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
 pytest.importorskip("itk", reason="needs itk-elastix")
 pytest.importorskip("skfem", reason="the phantom needs scikit-fem")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("waiting_elastix")]
 
 LIMIT = 0.25  # pixels, root mean square
 
@@ -51,6 +52,7 @@ def register(made, *words):
     """Run the command; return nodes, displacements in pixels, information and report."""
     folder, phantom = made
     given = ["register", "--mesh", "mesh.vtu", *words, "-o", "out.vtu"]
+    given += ["--parameters", quick_parameters(folder)]
     assert main([str(folder / w) if str(w).endswith(("nrrd", "vtu")) else w for w in given]) == 0
     grid = read_mesh(folder / "out.vtu")
     data = grid.GetPointData()

@@ -17,6 +17,7 @@ from elastoidentify.imaging.registration.registration import (
 )
 from elastoidentify.workers.elastix_client import ElastixProcess
 from hosts import has_elastix
+from quick_elastix import quick_parameters
 from scipy import ndimage
 
 needs_elastix = pytest.mark.skipif(
@@ -172,15 +173,14 @@ def test_oblique_anisotropic_volume_with_hexahedra(elastix):
 
 
 @pytest.mark.slow
-def test_consecutive_images_are_composed_and_repeated_pushes_are_told(pairs, elastix):
+def test_consecutive_images_are_composed_and_repeated_pushes_are_told(pairs, elastix, tmp_path):
     small = pairs.make_pair("speckle", "straight", 0.06, 0.01, seed=1)
     large = pairs.make_pair("speckle", "straight", 0.12, 0.01, seed=2)
     index, cells = pairs.block_mesh(16.0)
     points = np.c_[index, np.zeros(len(index))]
     pushed = [Image(small.pushed), Image(large.pushed)]
-    found = register(
-        Image(small.rest), pushed, points, cells, reference="previous", elastix=elastix
-    )
+    options = {"parameters": quick_parameters(tmp_path), "elastix": elastix}
+    found = register(Image(small.rest), pushed, points, cells, reference="previous", **options)
     for trial, pair in enumerate((small, large)):
         error = found.displacements[trial][:, :2] - pair.displacement(index)
         assert pairs.rms(error) < 0.3
@@ -188,17 +188,18 @@ def test_consecutive_images_are_composed_and_repeated_pushes_are_told(pairs, ela
 
 
 @pytest.mark.slow
-def test_another_patient_is_told_and_left_out_and_alone_refused(pairs, elastix):
+def test_another_patient_is_told_and_left_out_and_alone_refused(pairs, elastix, tmp_path):
     pair = pairs.make_pair("speckle", "straight", 0.05, 0.02)
     other = Image(speckle((256, 256), seed=9))
     index, cells = pairs.block_mesh(24.0)
     points = np.c_[index, np.zeros(len(index))]
-    found = register(Image(pair.rest), [Image(pair.pushed), other], points, cells, elastix=elastix)
+    options = {"parameters": quick_parameters(tmp_path), "elastix": elastix}
+    found = register(Image(pair.rest), [Image(pair.pushed), other], points, cells, **options)
     (warning,) = (text for text in found.report["warnings"] if "did not find" in text)
     assert warning.startswith("Trial 2") and "same slice of the same patient" in warning
     assert np.any(found.information[0]) and not np.any(found.information[1])
     with pytest.raises(InputError, match="did not find the push") as error:
-        register(Image(pair.rest), [other], points, cells, elastix=elastix)
+        register(Image(pair.rest), [other], points, cells, **options)
     assert "\n" not in str(error.value)
 
 

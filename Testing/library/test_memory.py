@@ -5,6 +5,7 @@ process themselves.
 """
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -24,14 +25,21 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
-@pytest.fixture
-def block(tmp_path):
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
     from elastoidentify.filters import PushingPhantom
     from elastoidentify.vtk_io.vtu import write_mesh
 
     phantom = PushingPhantom(resolution=80, noise=1e-5)
     phantom.Update()
-    write_mesh(tmp_path / "in.vtu", phantom.GetOutput())
+    file = tmp_path_factory.mktemp("mesh") / "in.vtu"
+    write_mesh(file, phantom.GetOutput())
+    return file
+
+
+@pytest.fixture
+def block(mesh, tmp_path):
+    shutil.copy(mesh, tmp_path)
     (tmp_path / "out.vtu").write_text("an older result")
     return tmp_path
 

@@ -53,7 +53,7 @@ def test_a_sound_body_is_hardly_ever_flagged(seed):
 
 
 def test_a_pad_that_slips_is_found_where_it_slips():
-    body = broken.body("slip", n=12)
+    body = broken.body("slip", n=8)
     result = found(body)
     assert rates(body, result)[0] >= 0.9
     said = result.report["model_misfit"]
@@ -112,7 +112,7 @@ def found_in_space(body, **options):
 
 
 def test_in_space_a_pad_that_slips_is_found_and_said_though_no_noise_was_stated():
-    stuck, told = (broken_volumes.block(told_to_slip) for told_to_slip in (False, True))
+    stuck, told = (broken_volumes.block(told_to_slip, 5) for told_to_slip in (False, True))
     u, std = stuck.noisy(1e-3)
     stated = np.broadcast_to(np.eye(3) / std**2, (*u.shape, 3))
     for options, least in (({"information": stated}, 0.9), ({}, 0.5)):
@@ -127,7 +127,7 @@ def test_in_space_a_pad_that_slips_is_found_and_said_though_no_noise_was_stated(
 def test_in_space_a_sound_body_is_hardly_flagged_and_a_large_one_is_not_looked_at(monkeypatch):
     from elastoidentify.inverse import regularized
 
-    body = broken_volumes.pushed_cube(0.45, 0.45)
+    body = broken_volumes.pushed_cube(0.45, 0.45, 5)
     assert (found_in_space(body).model_misfit > FLAGGED).mean() <= 0.08
     monkeypatch.setattr(regularized, "MOST_FACTORISED", 1_000)
     large = found_in_space(body, grouping="label")

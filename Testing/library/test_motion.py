@@ -14,7 +14,7 @@ SHIFT, TURN = (4.0, -2.0), 0.1  # mm, radian: a patient who moves
 
 @pytest.fixture(scope="module")
 def case():
-    return forward.squares(12)
+    return forward.squares(8)
 
 
 def moved_as_a_whole(points, shift=SHIFT, turn=TURN):

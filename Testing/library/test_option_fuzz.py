@@ -76,7 +76,7 @@ def block(tmp_path_factory):
     from elastoidentify.vtk_io.vtu import write_mesh
 
     folder = tmp_path_factory.mktemp("block")
-    phantom = PushingPhantom(resolution=5, noise=1e-4)
+    phantom = PushingPhantom(resolution=4, noise=1e-4)
     phantom.Update()
     write_mesh(folder / "in.vtu", phantom.GetOutput())
     return folder
@@ -144,7 +144,7 @@ CHOICES = {
 
 
 def pushed_body():
-    points, cells = scattered_triangles(4, 1)
+    points, cells = scattered_triangles(3, 1)
     known = points[cells].mean(axis=1)[:, 1] > 0.7
     one = body(points, cells, known, floor_and_top(points), seed=2)
     return push_from_above(one, 1.0, ((0, -0.05), (-0.05, -0.05)))

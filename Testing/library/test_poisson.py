@@ -9,7 +9,7 @@ import pytest
 from elastoidentify.errors import InputError
 from elastoidentify.fem.elastic_constants import lame_from_young, plane_stress_lambda
 from elastoidentify.fem.forward import box_mesh, solve_push, square_mesh
-from elastoidentify.inverse import poisson
+from elastoidentify.inverse import poisson, regularized
 from elastoidentify.inverse.parameterization import LogParameters, make_unknowns
 
 
@@ -106,7 +106,7 @@ def test_without_width_nothing_changes():
     ],
 )  # fmt: skip
 def test_the_lesion_is_found_though_poissons_ratio_was_given_wrong(true, given):
-    case = forward.squares(14, poisson=true, radius=0.2)
+    case = forward.squares(10, poisson=true, radius=0.2)
     noise = 0.02 * np.abs(case.displacements).max()
     u, again = (case.noisy(noise, seed) for seed in (1, 2))
     free, redrawn = (_identify(case, noisy, given, 0.05) for noisy in (u, again))
@@ -186,7 +186,7 @@ def _coverage(n, seeds):
 
 @pytest.mark.slow
 def test_standard_deviations_of_the_ratio_are_the_scatter_of_repeated_measurements():
-    value, std = _coverage(10, seeds=24)
+    value, std = _coverage(8, seeds=24)
     scatter, stated = value.std(axis=0, ddof=1), std.mean(axis=0)
     within = (np.abs(value - 0.45) < 2 * std).mean(axis=0)
     print(f"scatter {scatter}, stated {stated}, within two standard deviations {within}")
@@ -196,8 +196,9 @@ def test_standard_deviations_of_the_ratio_are_the_scatter_of_repeated_measuremen
 
 
 @pytest.mark.slow
-def test_in_space_too():
-    points, cells = box_mesh((5, 5, 6), (30.0, 30.0, 30.0))
+def test_in_space_too(monkeypatch):
+    monkeypatch.setattr(regularized, "MOST_FACTORISED", 0)  # the model's misfit is not looked at
+    points, cells = box_mesh((4, 4, 5), (30.0, 30.0, 30.0))
     centre = points[cells].mean(axis=1)
     inside = np.linalg.norm(centre - [15, 15, 12], axis=1) < 8
     young, known = np.where(inside, 3.0, 1.0), centre[:, 2] > 24

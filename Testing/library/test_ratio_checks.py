@@ -13,7 +13,7 @@ from elastoidentify.inverse.verdict import judge
 
 
 @functools.cache
-def _case(poisson, n=12):
+def _case(poisson, n=8):
     return forward.squares(n, poisson=poisson, radius=0.2)
 
 
@@ -37,7 +37,7 @@ def _noisy(case, seed):
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45, 0.49])
 def test_a_sound_body_raises_no_alarm_and_shows_the_ratio_that_it_has(poisson):
-    case = _case(poisson, n=8)
+    case = _case(poisson, n=6)
     shifts = []
     for seed in range(2):
         for options in ({}, {"poisson_std": 0.05}, {"unknowns": "lambda-mu"}):

@@ -5,6 +5,7 @@ form that the maps are compared with.
 """
 
 import csv
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ TRUE_MU = RATIO * YOUNG / (2 * (1 + POISSON))
 NO_VALUE = ("lam", "lam_std", "young", "young_std", "poisson", "poisson_std")
 
 
-def layers(n=8):
+def layers(n=6):
     """Points, cells, labels, and the displacements of one trial: the lower half is the tissue."""
     x, y = (axis.ravel() / n for axis in np.mgrid[: n + 1, : n + 1])
     points, first = np.column_stack([x, y]), (n + 1) * np.repeat(range(n), n) + np.tile(range(n), n)
@@ -30,6 +31,7 @@ def layers(n=8):
     return points, cells, labels, np.column_stack([along, 0 * along])
 
 
+@cache
 def identified(noise=0.0, stretch=0.0, **options):
     points, cells, labels, u = layers()
     edge = (np.abs(points - 0.5) == 0.5).any(axis=1)

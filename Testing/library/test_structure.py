@@ -19,7 +19,7 @@ NOTHING = {"apart": 0.3, "within": None, "noise": 3.3}
 
 def found(contrast, noise, seed=1, labels=False, **options):
     """Identify the cells of a square, quadratic data; `noise` as a share of the push of 1.5 mm."""
-    case = forward.squares(10, contrast=contrast, radius=0.2)
+    case = forward.squares(8, contrast=contrast, radius=0.2)
     if labels:
         options["labels"] = np.where(case.known, 1, np.where(case.from_edge < 0, 3, 2))
     options = {"unknowns": "young", "poisson_ratio": case.poisson} | options

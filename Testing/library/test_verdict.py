@@ -14,6 +14,12 @@ NOISE = 0.01  # mm; 0.7 % of the push
 
 @pytest.fixture(scope="module")
 def case():
+    return forward.squares(12)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Of cells that do not show beside the noise."""
     return forward.squares(16)
 
 
@@ -64,10 +70,10 @@ HALVES = {
 
 
 @pytest.mark.parametrize("part", HALVES)
-def test_a_mesh_that_was_cut_gives_the_moduli_of_the_whole_and_says_so(case, part):
+def test_a_mesh_that_was_cut_gives_the_moduli_of_the_whole_and_says_so(fine, part):
     """Forward data of the whole body, quadratic cells on a finer mesh. Flat guess: 3 is 1."""
-    keep = HALVES[part](case.points[case.cells].mean(axis=1))
-    result = found(case, keep, border(case.points))
+    keep = HALVES[part](fine.points[fine.cells].mean(axis=1))
+    result = found(fine, keep, border(fine.points))
     young = young_of(result)
     assert abs(young[2] - 1) < 0.06
     assert abs(young[3] / 3 - 1) < 0.15
@@ -86,15 +92,15 @@ def test_a_cut_that_nothing_tells_of_is_not_trusted(case, part):
     assert "something may push at a border" in result.report["verdict"]["sentence"]
 
 
-def test_a_whole_mesh_under_right_assumptions_is_trusted(case):
-    result = found(case, where=border(case.points))
+def test_a_whole_mesh_under_right_assumptions_is_trusted(fine):
+    result = found(fine, where=border(fine.points))
     assert is_trusted(result)
     assert 0.5 < result.report["verdict"]["noise_factor"] < 1.4
     assert abs(young_of(result)[3] / 3 - 1) < 0.08
 
 
 def test_a_wrong_poissons_ratio_is_not_trusted():
-    case = forward.squares(16, poisson=0.495)
+    case = forward.squares(12, poisson=0.495)
     result = found(case, poisson_ratio=0.45)
     assert result.report["verdict"]["level"] == "do not trust"
     assert "Poisson's ratio" in result.report["verdict"]["sentence"]
@@ -108,7 +114,8 @@ def test_motion_out_of_the_plane_is_not_trusted(case):
 
 
 @pytest.mark.parametrize("pushes", [1, 2])
-def test_pushes_of_one_direction_say_that_cells_cannot_be_read(case, pushes):
+def test_pushes_of_one_direction_say_that_cells_cannot_be_read(pushes):
+    case = forward.squares(8)
     one = case.displacements[:1] * np.arange(1, pushes + 1)[:, None, None]
     one = one + NOISE * np.random.default_rng(0).standard_normal(one.shape)
     cells = found(case, displacements=one, grouping="cell").report["verdict"]
@@ -124,11 +131,11 @@ def test_a_trial_that_was_left_out_is_a_reason_for_care(case):
     assert "a trial was left out" in verdict["reasons"]
 
 
-def test_noise_that_was_given_too_small_is_not_trusted(case):
-    result = found(case, information=None, noise=NOISE / 20)
+def test_noise_that_was_given_too_small_is_not_trusted(fine):
+    result = found(fine, information=None, noise=NOISE / 20)
     assert result.report["verdict"]["level"] == "do not trust"
     assert result.report["verdict"]["noise_factor"] > 10
-    assert is_trusted(found(case, information=None, noise=NOISE))
+    assert is_trusted(found(fine, information=None, noise=NOISE))
 
 
 def test_a_body_that_nobody_touches_is_refused_before_the_registration(case):
@@ -187,15 +194,15 @@ def test_the_meshers_border_is_that_of_the_finite_elements():
         np.testing.assert_array_equal(made.outer_border, mesh.boundary_nodes)
 
 
-def test_cells_that_are_coarser_than_the_displacements_are_exact_are_not_called_a_wrong_model(case):
+def test_cells_that_are_coarser_than_the_displacements_are_exact_are_not_called_a_wrong_model(fine):
     """A right model: only the cells' error is left, which the finer solution knows of."""
     noise = 0.0005
-    information = np.broadcast_to(np.eye(2) / noise**2, (*case.displacements.shape, 2))
-    exact = {"displacements": case.noisy(noise, 1), "information": information}
-    verdict = found(case, **exact).report["verdict"]
+    information = np.broadcast_to(np.eye(2) / noise**2, (*fine.displacements.shape, 2))
+    exact = {"displacements": fine.noisy(noise, 1), "information": information}
+    verdict = found(fine, **exact).report["verdict"]
     assert verdict["noise_factor"] > 1.6
     assert verdict["level"] == "trust with care"
     assert "more exact than the cells" in verdict["sentence"]
     assert "the pad may slip" not in verdict["sentence"]
-    wrong = found(case, poisson_ratio=case.poisson + 0.02, **exact).report["verdict"]
+    wrong = found(fine, poisson_ratio=fine.poisson + 0.02, **exact).report["verdict"]
     assert wrong["level"] == "do not trust"

@@ -64,13 +64,14 @@ def test_detectability_is_the_part_of_a_change_that_nothing_else_explains(monkey
 @pytest.mark.slow
 def test_a_lesion_of_the_said_size_shows_and_a_smaller_one_does_not(noise=0.02):
     """Truth: quadratic cells on a finer mesh; the size is said of a body without a lesion."""
-    diameter = found(forward.squares(12, contrast=1.0), noise).report["smallest_visible"]["here"]
+    sound = found(forward.squares(12, contrast=1.0), noise, refine=1)
+    diameter = sound.report["smallest_visible"]["here"]
 
     def shown(size):
         """The share of the lesion's log-contrast that the map shows, median of three draws."""
         case = forward.squares(12, contrast=2.0, radius=size / 2 / forward.SIDE)
         inside = case.young > 1
-        maps = [found(case, noise, seed).mu[inside] for seed in (1, 2, 3)]
+        maps = [found(case, noise, seed, refine=1).mu[inside] for seed in (1, 2, 3)]
         return np.median([np.log2(mu / case.mu[~inside][0]).mean() for mu in maps])
 
     assert shown(0.6 * diameter) < 0.35
@@ -115,9 +116,9 @@ def study(**more):
 
 
 def test_a_plan_compares_pushes_and_edge_lengths():
-    rows = plan(study(), [(5, (0, -1, 0)), (5, (0.7, -0.7, 0))], edge_lengths=[3.0, 5.0])
+    rows = plan(study(), [(5, (0, -1, 0)), (5, (0.7, -0.7, 0))], edge_lengths=[4.0, 6.0])
     assert [(row.edge_length, row.pushes) for row in rows] == [
-        (length, pushes) for length in (3.0, 5.0) for pushes in ((1,), (2,), (1, 2))
+        (length, pushes) for length in (4.0, 6.0) for pushes in ((1,), (2,), (1, 2))
     ]
     assert rows[0].cells > rows[3].cells
 
@@ -126,7 +127,7 @@ def test_a_plan_compares_pushes_and_edge_lengths():
 
     assert size(rows[2]) <= min(size(rows[0]), size(rows[1]))
     clean, noisy = (
-        plan(study(noise=s), [(5, (0, -1, 0))], edge_lengths=[3.0]) for s in (1e-3, 0.1)
+        plan(study(noise=s), [(5, (0, -1, 0))], edge_lengths=[4.0]) for s in (1e-3, 0.1)
     )
     assert size(clean[0]) < size(noisy[0])
 

@@ -6,10 +6,17 @@ import pytest
 from cube import CONTRAST, PAD, inside, truth
 from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import box_mesh, solve_push
+from elastoidentify.inverse import regularized
 from elastoidentify.linalg.factor import CHOICE, Factoriser, Pardiso, factorisation
 from elastoidentify.linalg.fronts import Fronts
 from elastoidentify.linalg.ldl import QuasiDefiniteSolver
 from scipy import linalg
+
+
+@pytest.fixture(autouse=True)
+def without_model_misfit(monkeypatch):
+    """It takes more than half of a volume's fit, and nothing here is about it."""
+    monkeypatch.setattr(regularized, "MOST_FACTORISED", 0)
 
 
 class Cube:
@@ -68,6 +75,7 @@ def test_a_map_per_cell_and_its_standard_deviations_hold_near_incompressibility(
 
 def test_the_same_volume_gives_the_same_map_whatever_makes_the_factors(monkeypatch):
     cube = Cube(n=4)
+    cube.u = cube.u[:2]  # fewer trials, the same factors
     first, second = cube.identify(), cube.identify()
     np.testing.assert_array_equal(first.young, second.young)
     np.testing.assert_array_equal(first.mu_std, second.mu_std)
