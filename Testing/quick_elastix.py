@@ -19,15 +19,10 @@ from elastoidentify.workers.elastix_client import ElastixProcess
 FEWER = {"MaximumNumberOfIterations": 100, "NumberOfSpatialSamples": 1024}
 
 
-def quick_parameters(folder: Path, dimension: int = 2, **changes: int) -> str:
-    """Write the package's parameters with changes; return the file's path.
-
-    The number of iterations and of samples is less unless the changes say otherwise.
-    """
+def quick_parameters(folder: Path) -> str:
+    """Write the package's parameters, with fewer iterations and samples; return the file's path."""
     text = (FOLDER / "bspline.txt").read_text(encoding="utf-8")
-    if dimension == 3:
-        changes["NumberOfResolutions"] = 4  # as the package does
-    for name, value in (FEWER | changes).items():
+    for name, value in FEWER.items():
         text, count = re.subn(rf"^\({name} \d+\)", f"({name} {value})", text, flags=re.M)
         assert count == 1, name
     file = Path(folder) / "quick.txt"

@@ -225,7 +225,7 @@ class Equilibrium:
 
     def add_slopes(self, state: State):
         """Give a state the derivatives of its forces by the parameters."""
-        # products keep the entries that happen to be zero, sums do not: one pattern for all states
+        # one product, not a sum of two: fewer entries cancel, so that the pattern seldom changes
         slopes = [part[self.parent] for part in self.parameters.slopes(state.x)]
         slopes = sp.vstack(slopes, format="csc")
         state.R = []

@@ -50,7 +50,8 @@ def model_misfit(fit, system, stated: float | None) -> ModelMisfit:
         With ``forward``, ``state``, ``misfit``, ``prior``, ``x``, ``parameters``, ``scale``,
         ``tell``.
     system : DirectSystem
-        Factorised at the fit's state, prior and scale; it takes other matrices here.
+        The fit's own, factorised at its state, prior and scale, or a new one; it takes other
+        matrices here.
     stated : float, optional
         The noise scale where it was stated; then it is a lower bound: errors of a registration are
         alike over many nodes, which the information knows and their scatter does not show.
@@ -135,7 +136,8 @@ def _multipliers(fit, system, free, variance, scale):
     prior = np.hstack([-fit.prior.gradient(fit.x)[:, None], sampled])
     numbers = beside(fit.misfit.residuals(), fit.misfit.noise(rng, SAMPLES, scale))
     fit.tell()
-    if extra is not None or scale != fit.scale:  # else the fit's own factors are there
+    own = system is fit.system and extra is None and scale == fit.scale
+    if not own:  # else the fit's factors are there
         system.factorise(fit.prior.hessian(), fit.state, fit.misfit, scale, extra)
     return system.multipliers(prior, numbers, forces)
 

@@ -305,7 +305,6 @@ class _Fit:
             if len(self.terms) > 1 or self._unknowns > MOST_FACTORISED:
                 return
             system = self._factorised_system()
-            system.factorise(self.prior.hessian(), self.state, self.misfit, self.scale)
         self.unexplained = model_misfit(self, system, stated)
 
     @property
