@@ -50,6 +50,22 @@ class Case:
 SIDE = 30.0
 
 
+def spoiled(case, u, count, seed=3, size=4.0):
+    """Displacements of which some nodes, each in one trial, are off by `size` in any direction."""
+    u, random = u.copy(), np.random.default_rng(seed)
+    inner = (np.abs(case.points - SIDE / 2) < SIDE / 2 - 1).all(axis=1)
+    for node in random.choice(np.flatnonzero(inner), count, replace=False):
+        trial, way = random.integers(len(u)), random.standard_normal(u.shape[2])
+        u[trial, node] += size * way / np.linalg.norm(way)
+    return u
+
+
+def contrast(case, result):
+    """Young's modulus of the inclusion's inner cells over that of the tissue outside."""
+    inner, outside = case.from_edge < -1, (case.from_edge > 2) & ~case.known
+    return np.nanmedian(result.young[inner]) / np.nanmedian(result.young[outside])
+
+
 @cache
 def squares(n, poisson=0.43, contrast=3.0, radius=0.15, pushes=((0, -1.5), (-1.06, -1.06))):
     """n×n squares of two triangles, which cut the inclusion's edge as they come."""

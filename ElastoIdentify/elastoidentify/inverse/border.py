@@ -124,7 +124,7 @@ class Frame:
 
     def centres(self, points) -> np.ndarray:
         """Return the mean of each cell's nodes in the coordinates of the points given."""
-        points = np.asarray(points, float)
+        points = numbers(points, "points")
         found = np.empty((self.mesh.n_cells, points.shape[1]))
         for _, nodes, ids in self._blocks:
             found[ids] = points[nodes].mean(axis=1)

@@ -10,7 +10,7 @@ from ..fem.constitutive import KINEMATICS, Kinematics, NeoHookeanPlaneStress
 from ..fem.mesh import Mesh
 from ..progress import Progress, silent
 from ..study import check_material
-from . import border, motion
+from . import astray, border, motion
 from .balance_system import BalanceSystem
 from .border import Frame
 from .conditions import conditions, contact_report
@@ -20,7 +20,7 @@ from .model_misfit import summary
 from .observations import DisplacementNoise, scale_from_known_cells
 from .parameterization import Unknowns, make_unknowns
 from .poisson import free as free_ratio
-from .problem import Problem
+from .problem import Astray, Problem
 from .ratio_checks import mean_strains
 from .result import IdentificationResult, result_of
 from .statistics import label_statistics
@@ -160,9 +160,13 @@ def identify(
             "directly or through others, with a known cell: nothing can be said about them"
         )
         estimate = METHODS[method](_without(problem, setting, apart), progress)
-        estimate = _spread(estimate, ~apart)
+        estimate = _spread(problem.mesh, estimate, ~apart)
     else:
         estimate = METHODS[method](problem, progress)
+    far = estimate.astray or astray.nothing(problem)
+    if far.lost.any():
+        warnings += astray.sentences(trials, far.lost, frame.nodes)
+        problem = astray.without(problem, far.lost > 0)
     warnings += _check_noise(problem, estimate)
     result, errors = result_of(problem, estimate, plane == "stress", warnings)
     result.report["labels"] = label_statistics(
@@ -179,6 +183,8 @@ def identify(
         "lost_trials": (1 + np.flatnonzero(lost)).tolist(), "cut_nodes": setting.cut_nodes,
         "large_push": large_push, "contact": contact,
         "inverted_cells": np.flatnonzero(problem.inverted).tolist(),
+        "nodes_astray": [[int(trials[t]), int(frame.nodes[n])] for t, n in np.argwhere(far.lost)],
+        "patch_astray": astray.patch(far.patch, border.numbers(points, "points")[frame.nodes]),
         "plane": plane if problem.mesh.dim == 2 else None, "dimension": problem.mesh.dim,
         "model_misfit": estimate.misfit and summary(
             problem.mesh, frame.centres(points), problem.unknowns.known, estimate.misfit
@@ -446,8 +452,8 @@ def _without(problem, setting, apart):
     )
 
 
-def _spread(estimate, keep):
-    """Return the estimate at all cells, from one at the cells `keep` (n_cells,) bool."""
+def _spread(mesh, estimate, keep):
+    """Return the estimate on the mesh, from one at the cells `keep` (n_cells,) bool."""
 
     def spread(values, fill):
         everywhere = np.full((len(keep), *values.shape[1:]), fill, values.dtype)
@@ -461,8 +467,12 @@ def _spread(estimate, keep):
         share, stress = spread(misfit.share, np.nan), spread(misfit.stress, np.nan)
         misfit = replace(misfit, share=share, stress=stress)
     edges = None if estimate.edges is None else np.flatnonzero(keep)[estimate.edges]
-    order = spread(estimate.order, -1)
-    return replace(estimate, **arrays, order=order, misfit=misfit, edges=edges)
+    order, far = spread(estimate.order, -1), estimate.astray
+    if far is not None:
+        nodes = mesh.node_cells @ keep.astype(float) > 0
+        far = Astray(*(np.zeros((len(off), mesh.n_nodes)) for off in (far.lost, far.patch)))
+        far.lost[:, nodes], far.patch[:, nodes] = estimate.astray.lost, estimate.astray.patch
+    return replace(estimate, **arrays, order=order, misfit=misfit, edges=edges, astray=far)
 
 
 def _check_noise(problem, estimate):

@@ -77,7 +77,7 @@ def mended(mesh: Mesh, u: np.ndarray, cells: np.ndarray) -> Inverted:
         wrong = cells[t]
         for _ in range(ROUNDS):
             nodes[t] |= mesh.node_cells @ wrong.astype(float) > 0
-            filled[t] = _elastic(mesh, u[t], nodes[t])
+            filled[t] = elastic(mesh, u[t], nodes[t])
             wrong = folded(mesh, filled[t])
             if not wrong.any():
                 break
@@ -94,8 +94,8 @@ def folded(mesh: Mesh, u: np.ndarray) -> np.ndarray:
     return found
 
 
-def _elastic(mesh, u, lost):
-    """Displacements (n, d) with the lost nodes in balance among the others."""
+def elastic(mesh, u, lost):
+    """Displacements (n, d) with the lost nodes, (n,) bool, in balance among the others."""
     lam, mu = (np.full(mesh.n_cells, float(x)) for x in lame_from_young(1.0, 0.3))
     K = tangent_stiffness(mesh, SmallStrain(), np.zeros_like(u), lam, mu)
     free = np.repeat(lost, mesh.dim)

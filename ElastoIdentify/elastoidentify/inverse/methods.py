@@ -8,7 +8,7 @@ from ..linalg.front_qr import FrontQR
 from ..progress import Progress, part
 from .balance_system import BalanceSystem
 from .inverted import named
-from .observations import propagate
+from .observations import CONTRADICTED, propagate
 from .problem import Estimate, Problem, estimate_from_theta
 from .sequential import plan_walk
 
@@ -40,19 +40,19 @@ def sequential(problem: Problem, progress: Progress | None = None) -> Estimate:
     system = _system(problem)
     walk = plan_walk(system, part(progress, 0, 0.8))
     theta = walk.solve(system.b[:, None])[:, 0]
-    errors, scale, redundancy = propagate(system, problem.noise, theta, walk.solve)
+    noise = propagate(system, problem.noise, theta, walk.solve)
     per_group = problem.unknowns.per_group
     size = np.abs(theta).reshape(-1, per_group)
     # λ of a material like cork is zero, and then its error is measured by μ
     size = np.maximum(size, NEGLIGIBLE_LAMBDA * size[:, -1:])
     with np.errstate(invalid="ignore"):
-        lost = ~(np.sqrt((errors**2).mean(axis=1)).reshape(-1, per_group) < size)
+        lost = ~(np.sqrt((noise.errors**2).mean(axis=1)).reshape(-1, per_group) < size)
     # a cell whose error has outgrown its value takes along all that was found from it
     theta[np.repeat(walk.spoiled(lost.any(axis=1)), per_group)] = np.nan
     return estimate_from_theta(
-        problem, theta, errors, walk.order, method="sequential", noise_scale=scale,
-        redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),
-        steps=len(walk.steps),
+        problem, theta, noise.errors, walk.order, method="sequential", noise_scale=noise.scale,
+        redundant_equations=noise.redundancy, imbalance=noise.excess, equations=len(system.b),
+        parameters=len(theta), steps=len(walk.steps),
     )  # fmt: skip
 
 
@@ -77,11 +77,12 @@ def global_(problem: Problem, progress: Progress | None = None) -> Estimate:
         found[free] = np.nan
         return found
 
-    errors, scale, redundancy = propagate(system, problem.noise, theta, solve)
+    noise = propagate(system, problem.noise, theta, solve)
     return estimate_from_theta(
-        problem, theta, errors, method="global", noise_scale=scale,
-        redundant_equations=redundancy, equations=len(system.b), parameters=len(theta),
-        null_space=len(factor.dependent), conditioning=factor.condition(),
+        problem, theta, noise.errors, method="global", noise_scale=noise.scale,
+        redundant_equations=noise.redundancy, imbalance=noise.excess, equations=len(system.b),
+        parameters=len(theta), null_space=len(factor.dependent),
+        conditioning=factor.condition(),
     )  # fmt: skip
 
 
@@ -110,13 +111,20 @@ def auto(problem: Problem, progress: Progress | None = None) -> Estimate:
     lost = float(np.mean(error >= 1)) if error.size else 1.0
     # with no equation left over the noise is unknown, and round-off stands in its place
     unheard = problem.noise.scale is None and not walked.report["redundant_equations"]
-    if typical <= TRUSTED_ERROR and lost < MOST_LOST and not unheard:
+    excess = walked.report["imbalance"] or 0.0
+    contradicted = excess > CONTRADICTED
+    if typical <= TRUSTED_ERROR and lost < MOST_LOST and not unheard and not contradicted:
         walked.report["auto"] = (
             f"sequential: its propagated error of μ is {typical:.1e} of the value (median)"
         )
         return walked
     if error.size and unheard:
         why = "the sequential method leaves no equation over from which its error could be told"
+    elif contradicted:
+        why = (
+            f"the balance of forces is missed by {excess:.2g} times what the noise among the known "
+            "cells explains"
+        )
     elif np.isfinite(typical) and typical > TRUSTED_ERROR:
         why = (
             f"the sequential method's propagated error of μ is {typical:.1e} of the value "

@@ -1,5 +1,7 @@
 """The error of measured displacements: its metric, samples of it, and its size from the data."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -9,6 +11,10 @@ from .balance_system import BalanceSystem
 
 FLOOR = 1e-6  # of the largest information: free in practice
 ENOUGH_EQUATIONS = 12  # a scale from so many is good to about 20 %
+CONTRADICTED = 3.0
+"""Noise by all equations over noise by those among known cells from which the model is wrong, or
+displacements are lost. Sound data have 0.1 to 2, however noisy."""
+EXACT = 1e7  # times rounding: what solvers leave, and no measurement comes near
 MEDIAN_CHI_SQUARED = 0.4549  # of one degree of freedom
 SHARED = 0.5
 """Correlation of a node's errors in two trials that were registered to one rest image: that image's
@@ -141,7 +147,30 @@ def scale_from_known_cells(system: BalanceSystem, noise: DisplacementNoise) -> t
     return float(np.sqrt(ratios.mean())) if len(ratios) else np.nan, len(ratios)
 
 
-def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> tuple:
+@dataclass(frozen=True)
+class Propagated:
+    """What errors of displacements make of a linear solver's solution.
+
+    Attributes
+    ----------
+    errors : (n_params, m)
+        Samples of the error of θ.
+    scale : float
+        Of the noise.
+    redundancy : int
+        Number of equations that it was estimated from.
+    excess : float, optional
+        How many times the noise that was stated, or that known cells show, the equations left over
+        show; None where either cannot be told.
+    """
+
+    errors: np.ndarray
+    scale: float
+    redundancy: int
+    excess: float | None
+
+
+def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> Propagated:
     """Carry displacement errors through a linear solver of the balance equations.
 
     To first order the error of θ solves A δθ = −K(θ) δu; `solve` is the method's own way from a
@@ -155,14 +184,6 @@ def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> 
         The solution; parameters that are missing or far from plausible count as the flat guess.
     solve : callable
         (n_equations, m) → (n_params, m)
-
-    Returns
-    -------
-    errors : (n_params, m)
-        Samples of the error of θ.
-    scale : float
-    redundancy : int
-        Number of equations that the scale was estimated from.
     """
     m = 32 if system.unknowns.n_params < 40_000 else 8
     plausible = _plausible(system.unknowns.flat_guess(), theta)
@@ -176,21 +197,28 @@ def propagate(system: BalanceSystem, noise: DisplacementNoise, theta, solve) -> 
     size = np.sqrt((force[covered] ** 2).mean(axis=1))
     variance = (left_unit**2).mean(axis=1)
     tells = np.sqrt(variance) > 1e-3 * size
-    redundancy = int(tells.sum())
-    scale = noise.scale
-    if scale is None:
+    redundancy, scale, excess = int(tells.sum()), noise.scale, None
+    shown = typical = np.nan
+    if redundancy:
+        ratio = left[tells] ** 2 / variance[tells]
+        typical = np.sqrt(np.median(ratio) / MEDIAN_CHI_SQUARED)
+        # (m − 2)/m: the mean of 1/variance from m samples is too large by its inverse
+        shown = float(np.sqrt(ratio.mean() * (m - 2) / m))
+    told = scale is not None
+    if not told:
         scale, among_known = scale_from_known_cells(system, noise)
-        if among_known >= ENOUGH_EQUATIONS:
+        told = among_known >= ENOUGH_EQUATIONS
+        if told:
             redundancy = among_known
         elif redundancy:
-            ratio = left[tells] ** 2 / variance[tells]
-            typical = np.median(ratio) / MEDIAN_CHI_SQUARED
             # where errors have grown without bound, a mean would hear those equations only
-            # (m − 2)/m: the mean of 1/variance from m samples is too large by its inverse
-            mean = ratio.mean() * (m - 2) / m
-            scale = float(np.sqrt(mean if mean < 25 * typical else typical))
-        scale = max(scale, noise.round_off) if np.isfinite(scale) else noise.round_off
-    return unit * max(scale, noise.round_off), scale, redundancy
+            scale = shown if shown < 5 * typical else typical
+        scale = float(max(scale, noise.round_off) if np.isfinite(scale) else noise.round_off)
+    if told and tells.sum() >= ENOUGH_EQUATIONS:
+        excess = shown / max(scale, EXACT * noise.round_off)
+        if excess > CONTRADICTED and noise.scale is None:
+            scale = shown
+    return Propagated(unit * max(scale, noise.round_off), scale, redundancy, excess)
 
 
 def _plausible(flat, theta, factor=100.0):

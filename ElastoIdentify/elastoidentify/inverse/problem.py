@@ -75,6 +75,23 @@ class ModelMisfit:
     scale: float
 
 
+@dataclass(frozen=True)
+class Astray:
+    """Displacements that a fit does not follow, see :mod:`.astray`.
+
+    Attributes
+    ----------
+    lost : (n_trials, n_nodes)
+        How far those that are not believed are from the fit's (length), 0 for all others.
+    patch : (n_trials, n_nodes)
+        Likewise those of many nodes, or of nodes side by side. They are believed for all that: they
+        may be right, and the model wrong.
+    """
+
+    lost: np.ndarray
+    patch: np.ndarray
+
+
 @dataclass
 class Estimate:
     """What a method found. In plane stress λ stands for λ*.
@@ -95,6 +112,8 @@ class Estimate:
         Found out of the plane.
     edges : (k, 2) int, optional
         Cells on either side of an edge of the map that no label follows.
+    astray : Astray, optional
+        Displacements that the fit does not follow, see :mod:`.astray`.
     """
 
     lam: np.ndarray
@@ -107,6 +126,7 @@ class Estimate:
     misfit: ModelMisfit | None = None
     stretches: np.ndarray | None = None
     edges: np.ndarray | None = None
+    astray: Astray | None = None
 
     @property
     def lam_std(self):

@@ -18,7 +18,8 @@ deviations are those of the Gaussian that the same variational step puts around 
 
 import numpy as np
 
-from ..progress import Progress, silent
+from ..progress import Progress, part, silent
+from .astray import believing
 from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit, beside
@@ -49,7 +50,19 @@ FEW = 100  # parameters for which all samples are taken always
 
 def fit_displacements(problem: Problem, progress: Progress | None = None) -> Estimate:
     """Fit equilibrium displacements; see the module's text."""
-    return _Fit(problem, progress or silent).run()
+    progress, left = progress or silent, 1.0
+
+    def first_map(problem: Problem) -> _Fit:
+        nonlocal left  # of the way; the first map takes half of that, however often it is made
+        fit = _Fit(problem, part(progress, 1 - left, 1))
+        left /= 2
+        fit.first_map()
+        return fit
+
+    fit, astray = believing(problem, first_map)
+    estimate = fit.run()
+    estimate.astray = astray
+    return estimate
 
 
 def default_refinement(
@@ -215,9 +228,26 @@ class _Fit:
                 total = total + term[0].shared * (both.T @ both - sum(a.T @ a for a in answers))
         return total
 
-    def run(self) -> Estimate:
+    def first_map(self):
+        """Make the map and find the noise of stage one."""
         self.first_fit()
         self._variational_stage()
+
+    @property
+    def computed(self) -> np.ndarray:
+        """Displacements of the mesh's nodes in balance, (n_trials, n_nodes, d)."""
+        return self._at_nodes(self.state.eta)
+
+    @property
+    def computed_errors(self) -> np.ndarray:
+        """Samples of their error, (m, n_trials, n_nodes, d)."""
+        return np.stack([self._at_nodes(d) for d in self.state.change(*self.samples)], axis=1)
+
+    def _at_nodes(self, eta):
+        return self.forward.displacements(eta)[:, : self.problem.mesh.n_nodes]
+
+    def run(self) -> Estimate:
+        """Go on from the first map to the end."""
         self.kept, self.other = sharpen(self)
         self._posterior()
         if not len(self.variation):  # else the system is that of the last samples

@@ -1,6 +1,7 @@
 """May this map be trusted? One sentence, from what the fit knows of itself."""
 
 from .inverted import MOST
+from .observations import CONTRADICTED
 from .ratio_checks import contradicts, reason
 
 NOISE_FACTOR = 1.6
@@ -14,6 +15,11 @@ SOME_MISFIT, MUCH_MISFIT = 0.15, 0.4
 """Shares of the tissue that the model does not fit: of which chance makes less, and of which the
 rest of the map cannot be better."""
 
+ASSUMED = (
+    "so something that is assumed is not so: the pad may slip, the tissue may move out of the "
+    "imaged plane, Poisson's ratio may be wrong, or something may push at a border"
+)
+
 TRUST, CARE, DISTRUST = "trust", "trust with care", "do not trust"
 
 
@@ -24,8 +30,8 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     ----------
     report : dict
         Of the identification: method, grouping, noise_scale, noise_given, misfit, mesh_error,
-        cells, typical_error, lost_trials, cut_nodes, inverted_cells, large_push, model_misfit,
-        structure, smallest_visible.
+        cells, typical_error, lost_trials, cut_nodes, inverted_cells, nodes_astray,
+        patch_astray, imbalance, large_push, model_misfit, structure, smallest_visible.
     informed : bool
         The displacements came with their information.
     one_direction : bool
@@ -51,10 +57,16 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     elif factor is not None and factor > NOISE_FACTOR:
         bad.append(
             f"the displacements miss the balance of forces by {factor:.2g} times what their stated "
-            "noise explains, so something that is assumed is not so: the pad may slip, the tissue "
-            "may move out of the imaged plane, Poisson's ratio may be wrong, or something may push "
-            "at a border; try a standard deviation of Poisson's ratio, slip, a stretch out of the "
-            "plane (out_of_plane_std 0.01), plane stress, or reaction nodes at that border"
+            f"noise explains, {ASSUMED}; try a standard deviation of Poisson's ratio, slip, a "
+            "stretch out of the plane (out_of_plane_std 0.01), plane stress, or reaction nodes at "
+            "that border"
+        )
+    imbalance = report.get("imbalance")
+    if imbalance is not None and imbalance > CONTRADICTED:
+        bad.append(
+            f"the displacements miss the balance of forces by {imbalance:.2g} times what the noise "
+            f"that was given, or that the known cells show, explains, {ASSUMED}, or nodes were "
+            "lost; take method 'regularized', which tells more"
         )
     cells = report["cells"]
     unknown = sum(cells.values()) - cells["known"]
@@ -79,6 +91,19 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
         (bad if inverted_share > MOST else doubtful).append(
             f"the displacements turn {len(report['inverted_cells'])} cells inside out: the "
             "registration was lost there"
+        )
+    if report.get("nodes_astray"):
+        nodes = len(report["nodes_astray"])
+        doubtful.append(
+            f"the displacements of {nodes} node{'s' if nodes > 1 else ''} were not believed: the "
+            "registration was lost there"
+        )
+    patch = report.get("patch_astray")
+    if patch:
+        bad.append(
+            f"{patch['nodes']} displacements around ({_place(patch['centre'])}) are off by up to "
+            f"{patch['off']:.2g} from what an elastic body does: the registration was lost there, "
+            "or something slips"
         )
     local = report.get("model_misfit")
     if local and local["share"] > SOME_MISFIT:
@@ -135,11 +160,15 @@ def doubted(verdict: dict, reason: str) -> dict:
     return _said(*both, verdict["noise_factor"], verdict["nothing_found"])
 
 
+def _place(centre) -> str:
+    return ", ".join(f"{x:.3g}" for x in centre)
+
+
 def _where(local) -> str:
-    place = ", ".join(f"{x:.3g}" for x in local["centre"])
     return (
         f"the model does not fit in {local['share']:.0%} of the tissue, most of all around "
-        f"({place}), where its stress is off by some {local['stress']:.0%} (ModelMisfit)"
+        f"({_place(local['centre'])}), where its stress is off by some {local['stress']:.0%} "
+        "(ModelMisfit)"
     )
 
 
