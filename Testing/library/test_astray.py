@@ -13,7 +13,6 @@ import forward
 from elastoidentify.fem.forward import square_mesh
 
 NOISE = 0.01  # mm; cells are stretched by some 0.15
-FITS = [("small-strain", "cell"), ("neo-hookean", "cell"), ("small-strain", "label")]
 
 
 def found(case, displacements, kinematics="small-strain", grouping="cell", **options):
@@ -54,8 +53,15 @@ def assert_as_if_never_measured(case, result, kinematics="small-strain", groupin
     assert any("were not believed" in reason for reason in verdict["reasons"])
 
 
-@pytest.mark.parametrize("kinematics, grouping", FITS)
-@pytest.mark.parametrize("count, size", [(1, 0.3), (5, 1.0), (10, 0.5)])
+@pytest.mark.parametrize(
+    "kinematics, grouping, count, size",
+    [
+        ("small-strain", "cell", 10, 0.5),
+        ("neo-hookean", "cell", 5, 1.0),
+        ("small-strain", "label", 1, 0.3),
+        ("neo-hookean", "label", 10, 0.5),
+    ],
+)
 def test_lost_nodes_are_named_and_the_map_is_as_without_them(
     square, kinematics, grouping, count, size
 ):
@@ -142,8 +148,9 @@ def of_broken(kind, n, noise):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("kind", broken.KINDS)
+@pytest.mark.parametrize(
+    "kind, noise", [("sound", 0.0), ("poisson", 0.0)] + [(kind, 0.01) for kind in broken.KINDS]
+)
 def test_no_node_of_a_body_that_is_sound_or_breaks_an_assumption_is_called_lost(kind, noise):
     result = of_broken(kind, 8, noise)
     assert result.report["nodes_astray"] == [] and result.report["patch_astray"] is None
@@ -176,7 +183,7 @@ def test_numbers_are_those_of_the_mesh_given_and_loose_pieces_stay_out(square):
 
 
 def test_in_space():
-    case = forward.boxes(6)
+    case = forward.boxes(5)
     sane = case.noisy(NOISE, 1)
     u = forward.spoiled(case, sane, 6, size=1.0)
     options = {"grouping": "label", "unknowns": "young", "poisson_ratio": 0.43}
