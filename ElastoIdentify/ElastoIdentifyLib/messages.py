@@ -272,6 +272,7 @@ TEMPLATES = (
     _("slip {0}:{1}: label {2} is rigid: name it in the sliding labels"),
     _("slip {0}:{1}: label {2} is not in the segmentation, which has {3}"),
     _("The {0} of label {1} in the mesh is {2} % off that of its voxels: it is small or thin for this edge length."),
+    _("Beyond {0} % of the border that is taken to be free the image goes on as it does inside, around ({1}): where tissue is cut off, or something touches it, it may be pushed, and a reaction box is needed."),
     _("Nodes onto borders"),
     _("Volumes and angles"),
     _("Borders between labels"),

@@ -16,6 +16,8 @@ import truth_cube as cubes
 
 pytest.importorskip("skfem", reason="the computed twin needs scikit-fem")
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 LAST = (2,)  # one trial: the three share the noise of the beads at rest
 TOP, BOTTOM = 0, 5
 

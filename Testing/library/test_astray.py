@@ -12,6 +12,8 @@ import broken
 import forward
 from elastoidentify.fem.forward import square_mesh
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 NOISE = 0.01  # mm; cells are stretched by some 0.15
 
 
@@ -75,7 +77,7 @@ def test_lost_nodes_are_named_and_the_map_is_as_without_them(
     assert all(str(node) in said for _, node in moved(u, sane))
 
 
-@pytest.mark.parametrize("node", [10, 55, 115, 120])
+@pytest.mark.parametrize("node", [10, 55, 110, 115])
 def test_lost_nodes_at_the_border_whose_motion_nothing_else_tells(square, node):
     """A fit follows the lost corner of a body, and leaves its neighbours off instead."""
     u = square.noisy(NOISE, 1)

@@ -16,6 +16,8 @@ from elastoidentify.inverse.prior import TotalVariation
 from elastoidentify.inverse.regularized import _and_either_way
 from elastoidentify.inverse.statistics import cell_errors
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 
 def test_a_cell_at_an_edge_may_be_of_its_other_side():
     lam, mu = np.array([4.0, 4, 12, 12]), np.array([1.0, 1, 3, 3])

@@ -167,8 +167,7 @@ def test_a_good_start_costs_no_products():
     assert np.abs(warm[0] - cold[0]).max() == 0
 
 
-def test_in_space_products_and_factors_give_the_same_map(monkeypatch):
-    monkeypatch.setattr(regularized, "MOST_FACTORISED", 0)  # the model's misfit is not looked at
+def test_in_space_products_and_factors_give_the_same_map(monkeypatch, without_model_misfit):
     points, cells = box_mesh((5, 5, 5), (1.0, 1.0, 1.0))
     centre = points[cells].mean(axis=1)
     young = np.where(np.linalg.norm(centre - [0.5, 0.5, 0.4], axis=1) < 0.3, 3.0, 1.0)

@@ -8,6 +8,8 @@ from elastoidentify.results import Status
 pytest.importorskip("skfem")
 import forward
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 NOISE, FAR = 0.01, 4.0  # mm; a cell of the square is 3 mm wide
 COUNTS = (1, 3, 10)  # spoiled nodes
 

@@ -9,8 +9,10 @@ import pytest
 from elastoidentify.errors import InputError
 from elastoidentify.fem.elastic_constants import lame_from_young, plane_stress_lambda
 from elastoidentify.fem.forward import box_mesh, solve_push, square_mesh
-from elastoidentify.inverse import poisson, regularized
+from elastoidentify.inverse import poisson
 from elastoidentify.inverse.parameterization import LogParameters, make_unknowns
+
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
 
 
 def _identify(case, u, given, std, **settings):
@@ -196,8 +198,7 @@ def test_standard_deviations_of_the_ratio_are_the_scatter_of_repeated_measuremen
 
 
 @pytest.mark.slow
-def test_in_space_too(monkeypatch):
-    monkeypatch.setattr(regularized, "MOST_FACTORISED", 0)  # the model's misfit is not looked at
+def test_in_space_too():
     points, cells = box_mesh((4, 4, 5), (30.0, 30.0, 30.0))
     centre = points[cells].mean(axis=1)
     inside = np.linalg.norm(centre - [15, 15, 12], axis=1) < 8

@@ -9,6 +9,8 @@ from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import solve_push, square_mesh
 from elastoidentify.inverse import methods
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 # RMS of 2(E−Ê)/(E+Ê) that OpenQSEI reports for its problem, by displacement noise in % (L2)
 OPENQSEI = {0.3: 0.125, 1.7: 0.162, 3.5: 0.197, 5.3: 0.247, 7.1: 0.253, 9.0: 0.269, 10.9: 0.267}
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from elastoidentify.inverse import regularized
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 
 def test_errors_that_trials_share_are_in_the_covariance():
     """Against dense matrices: x = Σ A_t y_t, with errors of ½ C between two trials."""

@@ -11,6 +11,8 @@ from elastoidentify.fem.forward import box_mesh
 from elastoidentify.inverse import regularized, sharpening
 from skfem.helpers import ddot, sym_grad, trace
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 NU = 0.3
 
 

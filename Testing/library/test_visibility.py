@@ -17,6 +17,8 @@ pytest.importorskip("skfem")
 import forward
 import slipping
 
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
+
 CENTRE = (15.0, 12.0)  # of the lesion in forward.squares
 
 

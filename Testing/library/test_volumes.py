@@ -6,17 +6,12 @@ import pytest
 from cube import CONTRAST, PAD, inside, truth
 from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import box_mesh, solve_push
-from elastoidentify.inverse import regularized
 from elastoidentify.linalg.factor import CHOICE, Factoriser, Pardiso, factorisation
 from elastoidentify.linalg.fronts import Fronts
 from elastoidentify.linalg.ldl import QuasiDefiniteSolver
 from scipy import linalg
 
-
-@pytest.fixture(autouse=True)
-def without_model_misfit(monkeypatch):
-    """It takes more than half of a volume's fit, and nothing here is about it."""
-    monkeypatch.setattr(regularized, "MOST_FACTORISED", 0)
+pytestmark = pytest.mark.usefixtures("without_model_misfit")
 
 
 class Cube:

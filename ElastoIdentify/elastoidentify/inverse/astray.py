@@ -26,7 +26,7 @@ from .problem import Astray, Problem
 
 FAR = 8.0  # standard deviations of the noise
 FAR_NO_MORE = 5.0  # of where a fit without the node has it
-FAR_IN_CELLS = 0.5  # of what the cells around are stretched by; in sound bodies at most 0.35
+FAR_IN_CELLS = 0.6  # of what the cells around are stretched by; nodes of sound bodies, 0.5 at most
 FEW = 1.6  # over the number of samples: the least share of the noise that they can tell from none
 PULLED = 0.3  # of the largest beside it: less may be what a lost node makes of its neighbours
 ROUNDS = 6
@@ -133,7 +133,7 @@ def _astray(problem: Problem, fit, before: np.ndarray):
         typical = np.median(noises[believed & ~before[t]]) / np.sqrt(chi2.median(mesh.dim))
         noises /= max(typical, stated or 0.0)
         cells = FAR_IN_CELLS * _elongation(mesh, fit.computed[t])
-        far = believed & (noises > FAR) & (off[t] > cells * np.sqrt(share)) & ~before[t]
+        far = believed & (noises > FAR) & (off[t] > cells) & ~before[t]
         alone = size / share  # how far it would be without itself
         pulled = beside.multiply(far * alone).max(axis=1).toarray().ravel()
         back = noises < FAR_NO_MORE

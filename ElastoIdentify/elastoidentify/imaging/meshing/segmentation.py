@@ -14,6 +14,7 @@ from .fit import fit_notes
 from .quality import cell_sizes, dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border
 from .regions import remove_islands
+from .surroundings import surroundings_notes
 from .tetrahedra import mesh_tetrahedra
 from .triangles import mesh_triangles
 
@@ -176,6 +177,8 @@ def mesh_segmentation(
         notes.append(
             "No node is a reaction node: every node is taken to be free of outside forces."
         )
+    if seen is not None:
+        notes += surroundings_notes(points, cells, reaction, seen)
     notes += quality_notes(points, cells)
     progress(1.0, "Mesh")
     return LabelMesh(points, cells, cell_labels.astype(np.int32), reaction.astype(np.uint8), notes)
