@@ -164,3 +164,5 @@ def test_labels_say_where_an_edge_is():
     centres = case.points[case.cells].mean(axis=1)
     beside = (np.abs(case.from_edge) < 2) & ~case.known & (centres[:, 1] < 20)
     assert np.median(named[beside]) < 0.5 * np.median(alone[beside])
+    hidden = fit(case, std, 0, labels=np.where(case.known, 1, 2)).young_std
+    assert np.median(hidden[beside]) > 0.9 * np.median(alone[beside])

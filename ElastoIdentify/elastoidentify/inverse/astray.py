@@ -32,6 +32,7 @@ PULLED = 0.3  # of the largest beside it: less may be what a lost node makes of 
 ROUNDS = 6
 MOST = 0.1  # share of a trial's nodes; beyond, nothing says that they are wrong and the model right
 MOST_TOGETHER = 4  # nodes side by side
+AT_FIRST = 2.0  # times as much, when lost nodes take others along; then less from look to look
 
 
 def believing(problem: Problem, first_map: Callable):
@@ -51,17 +52,19 @@ def believing(problem: Problem, first_map: Callable):
         Of all displacements where those astray are too many, or side by side.
     astray : Astray
     """
-    mesh, none = problem.mesh, np.zeros(problem.noise.lost.shape, bool)
-    fit, nodes = first_map(problem), none
-    for look in range(ROUNDS):
+    none = np.zeros(problem.noise.lost.shape, bool)
+    fit, nodes, most = first_map(problem), none, AT_FIRST
+    for _ in range(ROUNDS):
         found, off = _astray(problem, fit, nodes)
-        # at the first look a lost node may take its neighbours along
-        if _share(found) > MOST or (look and _together(mesh, found) > MOST_TOGETHER):
-            fit = None  # no two fits at a time: they are large
-            return first_map(problem), Astray(off * none, off * found)
+        much = _much(problem.mesh, found)
+        if much > 1 and much >= most:
+            if nodes.any():
+                fit = None  # no two fits at a time: they are large
+                fit = first_map(problem)
+            return fit, Astray(off * none, off * found)
         if (found == nodes).all():
             break
-        nodes, fit = found, None
+        nodes, most, fit = found, much, None
         fit = first_map(without(problem, nodes))
     return fit, Astray(off * nodes, off * none)
 
@@ -155,18 +158,13 @@ def _elongation(mesh: Mesh, u: np.ndarray) -> np.ndarray:
     return mesh.node_cells.multiply(stretched).max(axis=1).toarray().ravel()
 
 
-def _share(nodes: np.ndarray) -> float:
-    """Return the largest share of a trial's nodes, of (n_trials, n_nodes) bool."""
-    return nodes.mean(axis=1).max()
-
-
-def _together(mesh: Mesh, nodes: np.ndarray) -> int:
-    """Return the largest number of nodes (n_trials, n_nodes) that are neighbours in a trial."""
-    beside, most = _beside(mesh), 0
+def _much(mesh: Mesh, nodes: np.ndarray) -> float:
+    """Return how many nodes (n_trials, n_nodes) there are, or side by side, over what may be."""
+    beside, much = _beside(mesh), nodes.mean(axis=1).max() / MOST
     for one in map(np.flatnonzero, nodes):
         piece = connected_components(beside[one][:, one], directed=False)[1]
-        most = max(most, np.bincount(piece, minlength=1).max())
-    return most
+        much = max(much, np.bincount(piece, minlength=1).max() / MOST_TOGETHER)
+    return much
 
 
 def _beside(mesh: Mesh):
