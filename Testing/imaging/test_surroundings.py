@@ -78,6 +78,23 @@ def test_where_a_reaction_box_holds_the_border_nothing_is_said():
     assert notes(above, boxes=[(0, 60, 27.5, 30)]) == []
 
 
+def test_a_body_that_is_held_all_around_has_no_free_border():
+    assert notes(everything, boxes=[(0, 100, -100, 100)]) == []
+
+
+@pytest.mark.parametrize("shape", [(1, 90, 100), (50, 90, 100)])
+def test_what_lies_far_away_changes_nothing(shape):
+    image, labels = scene(above, shape=shape)
+    wide = [(0, 0) if n == 1 else (0, 40) for n in shape]
+    far = [Image(np.pad(one.array, wide), one.origin, one.spacing) for one in (image, labels)]
+    found = [
+        mesh_segmentation(b, 6.0, rigid_labels=[FLOOR], seen=a).notes
+        for a, b in ((image, labels), far)
+    ]
+    assert any(note.startswith("Beyond") for note in found[0])
+    assert found[0] == found[1]
+
+
 def test_water_that_is_as_bright_but_has_no_texture_is_no_tissue():
     image, labels = scene(nothing)
     grey = np.where(labels.array > 0, image.array, 1.0)

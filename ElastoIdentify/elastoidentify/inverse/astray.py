@@ -51,6 +51,7 @@ def believing(problem: Problem, first_map: Callable):
     fit : object
         Of all displacements where those astray are too many, or side by side.
     astray : Astray
+        Which are lost, or in that case where they are.
     """
     none = np.zeros(problem.noise.lost.shape, bool)
     fit, nodes, most = first_map(problem), none, AT_FIRST
@@ -134,7 +135,7 @@ def _astray(problem: Problem, fit, before: np.ndarray):
         share = np.where(before[t], 1 + leverage, 1 - np.minimum(leverage, 1 - FEW / len(errors)))
         noises = size / np.sqrt(share)
         typical = np.median(noises[believed & ~before[t]]) / np.sqrt(chi2.median(mesh.dim))
-        noises /= max(typical, stated or 0.0)
+        noises /= max(typical, stated or 0.0, np.finfo(float).tiny)
         cells = FAR_IN_CELLS * _elongation(mesh, fit.computed[t])
         far = believed & (noises > FAR) & (off[t] > cells) & ~before[t]
         alone = size / share  # how far it would be without itself

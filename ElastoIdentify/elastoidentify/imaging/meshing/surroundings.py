@@ -37,8 +37,11 @@ def surroundings_notes(
     if min((n for n in image.size if n > 1), default=0) < 3 * WINDOW:
         return []
     sides, outward, size = _border(points, cells)
-    far, border = AWAY * image.pixel_sides.max(), cKDTree(points[np.unique(sides)])
     free = (reaction[sides] == 0).any(axis=1)
+    if not free.any():
+        return []
+    far, border = AWAY * image.pixel_sides.max(), cKDTree(points[np.unique(sides)])
+    image = _around(image, points, far)
     centres, outward, size = points[sides].mean(axis=1)[free], outward[free], size[free]
     level, texture = _maps(image)
     inside = _sampled(level, texture, image, points[cells].mean(axis=1))
@@ -76,6 +79,19 @@ def _border(points, cells):
     away = away - np.einsum("nij,nkj,nk->ni", q, q, away)
     size = np.abs(np.diagonal(r, axis1=1, axis2=2).prod(axis=1))
     return sides, away / np.linalg.norm(away, axis=1, keepdims=True), size
+
+
+def _around(image, points, far):
+    """The part of the image that reaches `far` and a window beyond points (n, 3)."""
+    index = image.world_to_index(points)
+    margin = far / image.spacing + WINDOW
+    low = np.maximum(np.floor(index.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(index.max(axis=0) + margin), np.array(image.size) - 1).astype(int)
+    if (low > high).any():
+        return image  # they are apart, which is said elsewhere
+    part = tuple(slice(a, b + 1) for a, b in zip(low[::-1], high[::-1], strict=True))
+    origin = image.index_to_world(low[None])[0]
+    return Image(image.array[part], origin, image.spacing, image.direction)
 
 
 def _maps(image):
