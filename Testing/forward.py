@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from elastoidentify import identify
 from elastoidentify.fem.forward import box_mesh, square_mesh
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay, cKDTree
@@ -58,6 +59,15 @@ def spoiled(case, u, count, seed=3, size=4.0):
         trial, way = random.integers(len(u)), random.standard_normal(u.shape[2])
         u[trial, node] += size * way / np.linalg.norm(way)
     return u
+
+
+def found(case, displacements, kinematics="small-strain", grouping="cell", **options):
+    """What is identified of a case whose segmentation shows the inclusion."""
+    labels = np.where(case.known, 1, np.where(case.young > 1, 3, 2))
+    return identify(
+        case.points, case.cells, displacements, case.materials, labels=labels,
+        reaction_nodes=case.reaction, kinematics=kinematics, grouping=grouping, **options,
+    )  # fmt: skip
 
 
 def contrast(case, result):

@@ -14,19 +14,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from elastoidentify import InputError, identify
+from elastoidentify import InputError
 from elastoidentify.inverse import astray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import forward
-
-
-def found(case, u, **options):
-    labels = np.where(case.known, 1, np.where(case.young > 1, 3, 2))
-    return identify(
-        case.points, case.cells, u, case.materials, labels=labels, reaction_nodes=case.reaction,
-        method="regularized", **options,
-    )  # fmt: skip
 
 
 def figures(case, result):
@@ -43,6 +35,7 @@ def drawn(case, seed):
     sound = case.noisy(noise, seed + 50)
     count, size = random.integers(1, 11), noise * 10 ** random.uniform(1, 2.5)
     options = {
+        "method": "regularized",
         "grouping": str(random.choice(["cell", "label"])),
         "kinematics": str(random.choice(["small-strain", "neo-hookean"])),
     }
@@ -59,7 +52,7 @@ def main():
     n, case = parser.parse_args().cases, forward.squares(10)
     sound, cases = {}, {seed: drawn(case, seed) for seed in range(n)}
     for seed, (u, _, options) in cases.items():
-        result = found(case, u, **options)
+        result = forward.found(case, u, **options)
         sound[seed] = figures(case, result), len(result.report["nodes_astray"])
     false = sum(bool(nodes) for _, nodes in sound.values())
     print(f"{n} cases; sound displacements of which some were not believed: {false}\n")
@@ -70,7 +63,7 @@ def main():
         astray.FAR, off, levels, refused = limit, [], [], 0
         for seed, (_, u, options) in cases.items():
             try:
-                result = found(case, u, **options)
+                result = forward.found(case, u, **options)
             except InputError:
                 refused += 1
                 continue

@@ -17,14 +17,6 @@ pytestmark = pytest.mark.usefixtures("without_model_misfit")
 NOISE = 0.01  # mm; cells are stretched by some 0.15
 
 
-def found(case, displacements, kinematics="small-strain", grouping="cell", **options):
-    labels = np.where(case.known, 1, np.where(case.young > 1, 3, 2))
-    return identify(
-        case.points, case.cells, displacements, case.materials, labels=labels,
-        reaction_nodes=case.reaction, kinematics=kinematics, grouping=grouping, **options,
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def square():
     return forward.squares(10)
@@ -33,7 +25,7 @@ def square():
 @cache
 def sound(kinematics, grouping):
     case = forward.squares(10)
-    return found(case, case.noisy(NOISE, 1), kinematics, grouping)
+    return forward.found(case, case.noisy(NOISE, 1), kinematics, grouping)
 
 
 def moved(u, before):
@@ -69,7 +61,7 @@ def test_lost_nodes_are_named_and_the_map_is_as_without_them(
 ):
     sane = square.noisy(NOISE, 1)
     u = forward.spoiled(square, sane, count, 7 + count, size)
-    result = found(square, u, kinematics, grouping)
+    result = forward.found(square, u, kinematics, grouping)
     assert result.report["inverted_cells"] == []
     assert result.report["nodes_astray"] == moved(u, sane)
     assert_as_if_never_measured(square, result, kinematics, grouping)
@@ -82,7 +74,7 @@ def test_lost_nodes_at_the_border_whose_motion_nothing_else_tells(square, node):
     """A fit follows the lost corner of a body, and leaves its neighbours off instead."""
     u = square.noisy(NOISE, 1)
     u[0, node] += (-1.0, 0.8)
-    result = found(square, u, grouping="label")
+    result = forward.found(square, u, grouping="label")
     assert [1, node] in result.report["nodes_astray"]
     assert len(result.report["nodes_astray"]) <= 2
     assert_as_if_never_measured(square, result, grouping="label")
@@ -92,7 +84,7 @@ def test_lost_nodes_at_the_border_whose_motion_nothing_else_tells(square, node):
 def test_lost_nodes_beside_cells_that_invert(square, seed):
     """Faults as large as a cell: some turn cells inside out, some do not."""
     u = forward.spoiled(square, square.noisy(NOISE, 1), 10, seed)
-    result = found(square, u)
+    result = forward.found(square, u)
     assert result.report["inverted_cells"] and result.report["nodes_astray"]
     assert_as_if_never_measured(square, result)
 
@@ -102,7 +94,7 @@ def test_lost_nodes_that_were_stored_as_not_moving(square):
     sane = square.noisy(NOISE, 1)
     u = sane.copy()
     u[:, [38, 52, 75]] = 0.0
-    result = found(square, u)
+    result = forward.found(square, u)
     assert result.report["nodes_astray"] == moved(u, sane)
     assert_as_if_never_measured(square, result)
 
@@ -111,7 +103,7 @@ def test_a_few_nodes_side_by_side(square):
     sane = square.noisy(NOISE, 1)
     u = sane.copy()
     u[0, np.linalg.norm(square.points - (9, 12), axis=1).argsort()[:3]] += (1.0, 0.6)
-    result = found(square, u)
+    result = forward.found(square, u)
     assert result.report["nodes_astray"] == moved(u, sane)
     assert_as_if_never_measured(square, result)
 
@@ -119,7 +111,7 @@ def test_a_few_nodes_side_by_side(square):
 def test_a_large_patch_may_be_the_model_and_is_not_mended(square):
     u = square.noisy(NOISE, 1)
     u[0, np.linalg.norm(square.points - (9, 12), axis=1).argsort()[:9]] += (1.0, 0.6)
-    result = found(square, u)
+    result = forward.found(square, u)
     assert result.report["nodes_astray"] == []
     assert result.report["patch_astray"]["centre"] == pytest.approx((9, 12), abs=2)
     verdict = result.report["verdict"]
@@ -130,7 +122,7 @@ def test_with_information(square):
     sane = square.noisy(NOISE, 1)
     u = forward.spoiled(square, sane, 5, size=0.5)
     information = np.broadcast_to(np.eye(2) / NOISE**2, (*u.shape, 2))
-    result = found(square, u, information=information)
+    result = forward.found(square, u, information=information)
     assert result.report["nodes_astray"] == moved(u, sane)
     assert result.report["noise_scale"] == pytest.approx(1, rel=0.15)
     assert "stated noise explains" not in result.report["verdict"]["sentence"]
@@ -138,7 +130,7 @@ def test_with_information(square):
 
 def test_noise_that_is_stated_larger_than_it_is_hides_what_it_explains(square):
     u = forward.spoiled(square, square.noisy(NOISE, 1), 5, size=0.5)
-    result = found(square, u, noise=0.1, method="regularized")
+    result = forward.found(square, u, noise=0.1, method="regularized")
     assert result.report["nodes_astray"] == []
 
 
@@ -189,7 +181,7 @@ def test_in_space():
     sane = case.noisy(NOISE, 1)
     u = forward.spoiled(case, sane, 6, size=1.0)
     options = {"grouping": "label", "unknowns": "young", "poisson_ratio": 0.43}
-    before, result = found(case, sane, **options), found(case, u, **options)
+    before, result = forward.found(case, sane, **options), forward.found(case, u, **options)
     missing = [one for one in moved(u, sane) if one not in result.report["nodes_astray"]]
     assert missing == [] and len(result.report["nodes_astray"]) <= 7
     assert forward.contrast(case, result) == pytest.approx(forward.contrast(case, before), rel=0.02)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from elastoidentify import InputError, identify
+from elastoidentify import InputError
 from elastoidentify.results import Status
 
 pytest.importorskip("skfem")
@@ -21,7 +21,7 @@ def square():
 
 @pytest.fixture(scope="module")
 def sound(square):
-    return {name: found(square, square.noisy(NOISE, 1), *name) for name in FITS}
+    return {name: forward.found(square, square.noisy(NOISE, 1), *name) for name in FITS}
 
 
 FITS = [
@@ -29,14 +29,6 @@ FITS = [
     for kinematics in ("small-strain", "neo-hookean")
     for grouping in ("cell", "label")
 ]
-
-
-def found(case, displacements, kinematics, grouping, **options):
-    labels = np.where(case.known, 1, np.where(case.young > 1, 3, 2))
-    return identify(
-        case.points, case.cells, displacements, case.materials, labels=labels,
-        reaction_nodes=case.reaction, kinematics=kinematics, grouping=grouping, **options,
-    )  # fmt: skip
 
 
 def turned(case, u):
@@ -52,7 +44,7 @@ def test_cells_that_invert_are_named_and_left_open_and_the_map_stays(
     square, sound, kinematics, grouping, count
 ):
     u = forward.spoiled(square, square.noisy(NOISE, 1), count, size=FAR)
-    result, cells = found(square, u, kinematics, grouping), turned(square, u)
+    result, cells = forward.found(square, u, kinematics, grouping), turned(square, u)
     assert 0 < cells.mean() < 0.1
     unknown = cells & ~square.known
     assert (result.status[unknown] == Status.NOT_DETERMINED).all()
@@ -82,7 +74,7 @@ def test_no_label_is_lost_by_the_cells_that_invert(square, sound):
     """A node inside the inclusion: the label's figures are those of its other cells."""
     u = square.noisy(NOISE, 1)
     u[0, np.linalg.norm(square.points - (15.0, 12.0), axis=1).argmin()] += (1.5 * FAR, 0)
-    result = found(square, u, "neo-hookean", "label")
+    result = forward.found(square, u, "neo-hookean", "label")
     (row,) = (row for row in result.statistics if row["label"] == 3)
     (before,) = (
         row for row in sound["neo-hookean", "label"].statistics if row["label"] == 3
@@ -95,7 +87,7 @@ def test_known_cells_that_invert_stay_known(square, sound):
     u = square.noisy(NOISE, 1)
     node = np.linalg.norm(square.points - (15.0, 26.0), axis=1).argmin()
     u[1, node] += (0, -FAR)
-    result, cells = found(square, u, "neo-hookean", "label"), turned(square, u)
+    result, cells = forward.found(square, u, "neo-hookean", "label"), turned(square, u)
     assert cells.any() and (square.known | ~cells).all()
     assert (result.status[cells] == Status.KNOWN).all()
     before = forward.contrast(square, sound["neo-hookean", "label"])
@@ -106,7 +98,7 @@ def test_known_cells_that_invert_stay_known(square, sound):
 def test_with_information_the_lost_nodes_lose_theirs(square, sound):
     u = forward.spoiled(square, square.noisy(NOISE, 1), 3)
     information = np.broadcast_to(np.eye(2) / NOISE**2, (*u.shape, 2))
-    result = found(square, u, "neo-hookean", "label", information=information)
+    result = forward.found(square, u, "neo-hookean", "label", information=information)
     assert result.report["noise_scale"] == pytest.approx(1, rel=0.15)
     before = forward.contrast(square, sound["neo-hookean", "label"])
     assert forward.contrast(square, result) == pytest.approx(before, rel=0.05)
@@ -116,7 +108,7 @@ def test_a_map_of_which_more_than_a_tenth_inverts_is_not_mended_and_not_to_be_tr
     u = forward.spoiled(square, square.noisy(NOISE, 1), 40)
     assert turned(square, u).mean() > 0.1
     try:
-        result = found(square, u, "neo-hookean", "label")
+        result = forward.found(square, u, "neo-hookean", "label")
     except InputError as error:
         assert "inverts" in str(error)
         return
@@ -128,7 +120,7 @@ def test_a_map_of_which_more_than_a_tenth_inverts_is_not_mended_and_not_to_be_tr
 @pytest.mark.parametrize("method", ["sequential", "global"])
 def test_methods_that_take_every_displacement_as_it_is_refuse_as_before(square, method):
     with pytest.raises(InputError, match="inside out"):
-        found(
+        forward.found(
             square,
             forward.spoiled(square, square.displacements, 3),
             "neo-hookean",
@@ -141,8 +133,8 @@ def test_methods_that_take_every_displacement_as_it_is_refuse_as_before(square, 
 def test_in_space_too(kinematics, count):
     case = forward.boxes(5)
     u = case.noisy(NOISE, 1)
-    before = found(case, u, kinematics, "label")
-    result = found(case, forward.spoiled(case, u, count, size=9.0), kinematics, "label")
+    before = forward.found(case, u, kinematics, "label")
+    result = forward.found(case, forward.spoiled(case, u, count, size=9.0), kinematics, "label")
     assert result.report["inverted_cells"]
     open_cells = np.isnan(result.mu)
     assert np.flatnonzero(open_cells).tolist() == [
@@ -155,7 +147,7 @@ def test_a_fit_that_lost_nodes_keep_from_converging_begins_without_them():
     """Of this draw some of the ten nodes invert no cell, and the finite-strain law gives up."""
     case = forward.squares(8)
     u = forward.spoiled(case, case.noisy(NOISE, 1), 10, size=FAR)
-    result = found(case, u, "neo-hookean", "cell")
+    result = forward.found(case, u, "neo-hookean", "cell")
     assert result.report["inverted_cells"] and result.report["nodes_astray"]
     outside = (case.from_edge > 2) & ~case.known
     assert np.nanmedian(result.young[outside]) == pytest.approx(1, abs=0.1)

@@ -19,6 +19,8 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
+from ..errors import InputError
+from ..fem.constitutive import KINEMATICS
 from ..fem.mesh import Mesh
 from .inverted import elastic, named
 from .observations import DisplacementNoise
@@ -53,21 +55,17 @@ def believing(problem: Problem, first_map: Callable):
     astray : Astray
         Which are lost, or in that case where they are.
     """
-    none = np.zeros(problem.noise.lost.shape, bool)
-    fit, nodes, most = first_map(problem), none, AT_FIRST
-    for _ in range(ROUNDS):
-        found, off = _astray(problem, fit, nodes)
-        much = _much(problem.mesh, found)
-        if much > 1 and much >= most:
-            if nodes.any():
-                fit = None  # no two fits at a time: they are large
-                fit = first_map(problem)
-            return fit, Astray(off * none, off * found)
-        if (found == nodes).all():
-            break
-        nodes, most, fit = found, much, None
-        fit = first_map(without(problem, nodes))
-    return fit, Astray(off * nodes, off * none)
+    try:
+        return _concentrated(problem, first_map)
+    except InputError:
+        # lost nodes may be why the law does not converge; in small strain they are seen
+        if problem.law is not KINEMATICS["neo-hookean"]:
+            raise
+        seen = _concentrated(replace(problem, law=KINEMATICS["small-strain"]), first_map)[1].lost
+        if not seen.any():
+            raise
+        fit, found = _concentrated(without(problem, seen > 0), first_map)
+        return fit, Astray(np.where(found.lost > 0, found.lost, seen), found.patch)
 
 
 def nothing(problem: Problem) -> Astray:
@@ -116,13 +114,31 @@ def patch(off: np.ndarray, places: np.ndarray) -> dict | None:
     return {"nodes": int((off > 0).sum()), "centre": centre, "off": float(off.max())}
 
 
+def _concentrated(problem: Problem, first_map: Callable):
+    """Look for nodes astray until they stay the same; see :func:`believing`."""
+    none = np.zeros(problem.noise.lost.shape, bool)
+    fit, nodes, most = first_map(problem), none, AT_FIRST
+    for _ in range(ROUNDS):
+        found, off = _astray(problem, fit, nodes)
+        much = _much(problem.mesh, found)
+        if much > 1 and much >= most:
+            if nodes.any():
+                fit = None  # no two fits at a time: they are large
+                fit = first_map(problem)
+            return fit, Astray(off * none, off * found)
+        if (found == nodes).all():
+            break
+        nodes, most, fit = found, much, None
+        fit = first_map(without(problem, nodes))
+    return fit, Astray(off * nodes, off * none)
+
+
 def _astray(problem: Problem, fit, before: np.ndarray):
     """Tell which nodes a fit leaves far from where they were measured, bool, and how far all are.
 
     All (n_trials, n_nodes). The fit did not believe those astray `before`.
     """
     noise, mesh, beside = problem.noise, problem.mesh, _beside(problem.mesh)
-    stated = noise.scale if noise.information is None else 1.0
     errors = fit.computed_errors
     left = problem.displacements - fit.computed
     off, found = np.linalg.norm(left, axis=2), np.zeros(noise.lost.shape, bool)
@@ -135,7 +151,7 @@ def _astray(problem: Problem, fit, before: np.ndarray):
         share = np.where(before[t], 1 + leverage, 1 - np.minimum(leverage, 1 - FEW / len(errors)))
         noises = size / np.sqrt(share)
         typical = np.median(noises[believed & ~before[t]]) / np.sqrt(chi2.median(mesh.dim))
-        noises /= max(typical, stated or 0.0, np.finfo(float).tiny)
+        noises /= max(typical, noise.stated or 0.0, np.finfo(float).tiny)
         cells = FAR_IN_CELLS * _elongation(mesh, fit.computed[t])
         far = believed & (noises > FAR) & (off[t] > cells) & ~before[t]
         alone = size / share  # how far it would be without itself

@@ -63,6 +63,11 @@ class DisplacementNoise:
         return 0.0 if self.information is None or len(self.lost) < 2 else SHARED
 
     @property
+    def stated(self) -> float | None:
+        """The scale that was stated; information states that it is one."""
+        return self.scale if self.information is None else 1.0
+
+    @property
     def alike(self) -> bool:
         """True if the covariance is the same in all trials."""
         return self.information is None and not self.lost.any()

@@ -16,14 +16,10 @@ unbiased form). Stage two sharpens as far as the data bear it (:mod:`.sharpening
 deviations are those of the Gaussian that the same variational step puts around the map.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
-from ..errors import InputError
-from ..fem.constitutive import KINEMATICS
 from ..progress import Progress, part, silent
-from .astray import believing, without
+from .astray import believing
 from .equilibrium import Equilibrium
 from .mesh_bias import affordable, bias_warning, contradicted, defect
 from .misfit import Displacements, Misfit, beside
@@ -32,7 +28,7 @@ from .newton_systems import TOLERANCE, DirectSystem, ReducedSystem
 from .out_of_plane import StretchParameters, warnings_of
 from .poisson import far_warnings, parameters
 from .prior import Prior, TotalVariation, anchor
-from .problem import Astray, Estimate, Problem
+from .problem import Estimate, Problem
 from .ratio_checks import ratio_checks
 from .sharpening import UNSHARPENED, rule, sharpen
 from .structure import found_structure
@@ -63,17 +59,7 @@ def fit_displacements(problem: Problem, progress: Progress | None = None) -> Est
         fit.first_map()
         return fit
 
-    try:
-        fit, astray = believing(problem, first_map)
-    except InputError:
-        # lost nodes may be why a finite-strain law does not converge; in small strain they are seen
-        if problem.law is not KINEMATICS["neo-hookean"]:
-            raise
-        seen = believing(replace(problem, law=KINEMATICS["small-strain"]), first_map)[1].lost
-        if not seen.any():
-            raise
-        fit, astray = believing(without(problem, seen > 0), first_map)
-        astray = Astray(np.where(astray.lost > 0, astray.lost, seen), astray.patch)
+    fit, astray = believing(problem, first_map)
     estimate = fit.run()
     estimate.astray = astray
     return estimate
@@ -342,14 +328,13 @@ class _Fit:
 
     def _model_misfit(self):
         """Tell where the model does not fit: last, as it takes other matrices."""
-        noise, self.unexplained, system = self.problem.noise, None, self.system
-        stated = noise.scale if noise.information is None else 1.0
+        self.unexplained, system = None, self.system
         self.at = (0.99, "regularized: where the model does not fit")
         if self.by_products:
             if len(self.terms) > 1 or self._unknowns > MOST_FACTORISED:
                 return
             system = self._factorised_system()
-        self.unexplained = model_misfit(self, system, stated)
+        self.unexplained = model_misfit(self, system, self.problem.noise.stated)
 
     @property
     def _unknowns(self):
