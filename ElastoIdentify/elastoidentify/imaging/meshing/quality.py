@@ -67,3 +67,11 @@ def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.stack(
         [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     )
+
+
+def border_sides(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sides that one cell alone has, (s, k − 1), and that cell's other corner, (s,)."""
+    corners = np.sort(cells, axis=1)
+    sides = np.concatenate([np.delete(corners, k, axis=1) for k in range(corners.shape[1])])
+    sides, first, count = np.unique(sides, axis=0, return_index=True, return_counts=True)
+    return sides[count == 1], corners.T.ravel()[first[count == 1]]

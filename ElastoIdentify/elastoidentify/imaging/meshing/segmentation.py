@@ -11,7 +11,7 @@ from ...fem.contact import split_nodes
 from ...progress import Progress, part
 from ..image import Image
 from .fit import fit_notes
-from .quality import cell_sizes, dihedral_angles, triangle_angles
+from .quality import border_sides, cell_sizes, dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border
 from .regions import remove_islands
 from .surroundings import surroundings_notes
@@ -54,11 +54,8 @@ class LabelMesh:
     @property
     def outer_border(self) -> np.ndarray:
         """1 for the nodes of the mesh's border: what is cut off later is told by it. (n,) uint8"""
-        corners = np.sort(self.cells, axis=1)
-        sides = np.concatenate([np.delete(corners, k, axis=1) for k in range(corners.shape[1])])
-        sides, count = np.unique(sides, axis=0, return_counts=True)
         border = np.zeros(len(self.points), np.uint8)
-        border[sides[count == 1]] = 1
+        border[border_sides(self.cells)[0]] = 1
         return border
 
 
@@ -103,7 +100,8 @@ def mesh_segmentation(
         may push.
     seen : Image, optional
         The image that was segmented (the rest image). The border of a labelmap that was cropped
-        inside it is free surface, and a labelmap that does not fit it is noted.
+        inside it is free surface, and a labelmap that does not fit it is noted; so is where the
+        image goes on beyond a free border as it does inside.
     progress : callable, optional
 
     Raises

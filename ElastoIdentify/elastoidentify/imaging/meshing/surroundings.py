@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ..image import Image
+from .quality import border_sides
 
 WINDOW = 5  # voxels, of which brightness and texture are taken
 AWAY = 4.0  # voxels from the border, so that the window holds one side of it
@@ -68,11 +69,7 @@ def surroundings_notes(
 
 def _border(points, cells):
     """Sides of cells on the mesh's border, the direction out of the mesh there, and their size."""
-    corners = np.sort(cells, axis=1)
-    sides = np.concatenate([np.delete(corners, k, axis=1) for k in range(cells.shape[1])])
-    against = corners.T.ravel()  # the corner that each side leaves out
-    sides, first, count = np.unique(sides, axis=0, return_index=True, return_counts=True)
-    sides, against = sides[count == 1], against[first[count == 1]]
+    sides, against = border_sides(cells)
     along = np.swapaxes(points[sides[:, 1:]] - points[sides[:, :1]], 1, 2)
     q, r = np.linalg.qr(along)
     away = points[sides[:, 0]] - points[against]
