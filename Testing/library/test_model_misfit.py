@@ -61,6 +61,17 @@ def test_a_pad_that_slips_is_found_where_it_slips():
     assert "the model does not fit in" in result.report["verdict"]["sentence"]
 
 
+@pytest.mark.parametrize("poisson, most", [(0.45, 0.2), (0.49, 0.3)])
+def test_the_error_of_large_cells_is_not_blamed_on_the_model(poisson, most):
+    """It was: half of the tissue flagged, and "do not trust" for maps that are right."""
+    body = broken.body("poisson", true_poisson=poisson, n=12)
+    result = found(body, refine=1, unknowns="lambda-mu", poisson_ratio=None)
+    tissue = ~body.known
+    assert (np.abs(np.log(result.young / body.young)) < FAR_OFF)[tissue].mean() >= 0.85
+    assert (result.model_misfit > FLAGGED)[tissue].mean() <= most
+    assert result.report["verdict"]["level"] == "trust with care"
+
+
 BROKEN = {  # the body; share of the offending cells found; false alarms
     "ν 0.47 for 0.45": ({"kind": "poisson", "true_poisson": 0.47, "n": 16}, 0.85, 0.2),
     "fibres": ({"kind": "fibres", "n": 16}, 0.75, 0.08),
@@ -102,8 +113,8 @@ def test_the_measure_of_a_strain_is_the_energy_that_it_costs():
         np.testing.assert_allclose(energy, mesh.volumes * expected, rtol=1e-12)
 
 
-def found_in_space(body, **options):
-    u, _ = body.noisy(1e-3)
+def found_in_space(body, seed=0, **options):
+    u, _ = body.noisy(1e-3, seed)
     return identify(
         body.points, body.cells, u, {broken_volumes.PAD: body.pad}, labels=body.labels,
         slip=body.slip, reaction_nodes=body.reaction, unknowns="young", poisson_ratio=body.poisson,
@@ -119,9 +130,11 @@ def test_in_space_a_pad_that_slips_is_found_and_said_though_no_noise_was_stated(
         result = found_in_space(stuck, grouping="label", **options)
         assert (result.model_misfit > FLAGGED)[stuck.offending].mean() >= least
         assert "the model does not fit in" in result.report["verdict"]["sentence"]
-    result = found_in_space(told)  # cell by cell: a ball that its label hides is a misfit, too
-    assert (result.model_misfit > FLAGGED).mean() <= 0.12
-    assert "the model does not fit in" not in result.report["verdict"]["sentence"]
+    # cell by cell: a ball that its label hides is a misfit, too
+    results = [found_in_space(told, seed) for seed in (0, 1)]
+    assert np.mean([one.model_misfit > FLAGGED for one in results]) <= 0.12
+    for result in results:
+        assert "the model does not fit in" not in result.report["verdict"]["sentence"]
 
 
 def test_in_space_a_sound_body_is_hardly_flagged_and_a_large_one_is_not_looked_at(monkeypatch):

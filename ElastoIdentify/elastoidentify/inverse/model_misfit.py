@@ -19,6 +19,9 @@ fitted anew, to first order. q is the displacement-like adjoint of the force bal
 error in the constitutive law of a cell (Ladevèze, Nedjar, Reynier, AIAA J. 32, 1994; Feissel and
 Allix, Comput. Methods Appl. Mech. Engrg. 196, 2007).
 
+Cells that are too large err by themselves, which no assumption is to blame for. What cells half as
+large would add to the displacements (:mod:`.mesh_bias`) is taken off v, where that is known.
+
 What is shown is τ_c² / (τ_c² + t_c), with t_c what the noise alone lets see of τ_c²: a share
 between 0 (noise explains all of the cell's misfit) and 1 (nothing of it).
 """
@@ -30,7 +33,7 @@ from scipy.spatial import cKDTree
 
 from ..fem.mesh import Mesh
 from .equilibrium import Equilibrium
-from .misfit import beside
+from .misfit import beside, difference
 from .problem import ModelMisfit
 
 FLAGGED = 0.1  # share from which a cell counts: chance takes some 4 % of sound cells there
@@ -48,7 +51,7 @@ def model_misfit(fit, system, stated: float | None) -> ModelMisfit:
     ----------
     fit : object
         With ``forward``, ``state``, ``misfit``, ``prior``, ``x``, ``parameters``, ``scale``,
-        ``tell``.
+        ``gap`` (the cells' own error, or None), ``tell``.
     system : DirectSystem
         The fit's own, factorised at its state, prior and scale, or a new one; it takes other
         matrices here.
@@ -134,12 +137,18 @@ def _multipliers(fit, system, free, variance, scale):
     root = fit.prior.root()
     sampled = root @ rng.standard_normal((root.shape[1], SAMPLES))
     prior = np.hstack([-fit.prior.gradient(fit.x)[:, None], sampled])
-    numbers = beside(fit.misfit.residuals(), fit.misfit.noise(rng, SAMPLES, scale))
+    numbers = beside(_unbiased(fit), fit.misfit.noise(rng, SAMPLES, scale))
     fit.tell()
     own = system is fit.system and extra is None and scale == fit.scale
     if not own:  # else the fit's factors are there
         system.factorise(fit.prior.hessian(), fit.state, fit.misfit, scale, extra)
     return system.multipliers(prior, numbers, forces)
+
+
+def _unbiased(fit):
+    """Return measured − computed per term and trial, without the cells' own error."""
+    found = fit.misfit.residuals()
+    return found if fit.gap is None else difference(found, fit.misfit.of_first_term(fit.gap))
 
 
 def _neighbourhoods(mesh: Mesh, known: np.ndarray) -> sp.csr_matrix:

@@ -36,14 +36,16 @@ def need_elastix():
 
 
 def from_phantom(phantom, edge, kinematics):
-    """Mesh and register a phantom, its inclusion (label 3, if any) hidden."""
+    """Mesh and register a phantom, its inclusions hidden where the segmentation shows them."""
     from elastoidentify.imaging.meshing import mesh_segmentation
     from elastoidentify.imaging.registration.registration import register
     from elastoidentify.pipeline import cell_blocks
     from elastoidentify.results import to_matrices
 
     labels = phantom.segmentation.array
-    hidden = phantom.segmentation.with_array(np.where(labels == 3, 2, labels))
+    named = phantom.materials.items()
+    shown = [label for label, one in named if one.name.startswith("inclusion")]
+    hidden = phantom.segmentation.with_array(np.where(np.isin(labels, shown), 2, labels))
     mesh = mesh_segmentation(
         hidden, edge * phantom.rest.spacing[0], rigid_labels=phantom.rigid_labels
     )  # fmt: skip
