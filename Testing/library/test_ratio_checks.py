@@ -17,12 +17,13 @@ def _case(poisson, n=8):
     return forward.squares(n, poisson=poisson, radius=0.2)
 
 
-def _identify(case, u, pad=None, **settings):
+def _identify(case, u, pad=None, young=1.0, **settings):
     labels = np.where(case.known, 1, np.where(case.from_edge < 0, 3, 2))
     settings = {"unknowns": "young", "poisson_ratio": case.poisson, "grouping": "label"} | settings
     settings["refine"] = 4
+    known = {1: (young, case.poisson if pad is None else pad)}
     return ei.identify(
-        case.points, case.cells, u, {1: (1.0, case.poisson if pad is None else pad)}, labels=labels,
+        case.points, case.cells, u, known, labels=labels,
         reaction_nodes=case.reaction, method="regularized", **settings,
     )  # fmt: skip
 
@@ -62,6 +63,28 @@ def test_a_wrong_ratio_is_found_named_and_said(pad, tissue, wrong):
     assert row["shown"] == pytest.approx(0.45, abs=0.02)
     assert verdict["level"] != "trust"
     assert f"Poisson's ratio of label {wrong} was given as" in verdict["sentence"]
+
+
+@pytest.mark.parametrize(("given", "level"), [(0.49, "trust with care"), (0.45, "do not trust")])
+def test_in_plane_stress_more_than_any_material_spreads_is_said_not_blamed_on_the_ratio(
+    given, level
+):
+    """Plane strain of ν is plane stress of ν/(1 − ν): 0.515 here, of a metal that yields, say."""
+    case = _case(0.34)
+    shear = 0.5 / 1.34
+    result = _identify(
+        case, _noisy(case, 1), given, young=2 * shear * (1 + given), poisson_ratio=given,
+        plane="stress",
+    )  # fmt: skip
+    row, verdict = _checks(result)[2], result.report["verdict"]
+    print(row, verdict["sentence"])
+    assert row["shown"] == 0.5
+    assert verdict["level"] == level
+    if given == 0.49:
+        assert 0.005 < row["beyond"] < 0.06  # one step from 0.49 goes too far
+        assert "label 2 spreads sideways more than any material" in verdict["sentence"]
+        truth = shear * np.where(case.from_edge < 0, 3.0, 1.0)
+        np.testing.assert_allclose(result.mu, truth, rtol=0.1)
 
 
 def test_the_shift_is_that_of_a_fit_with_the_ratio_free():

@@ -125,6 +125,8 @@ def test_every_factoriser_solves_as_superlu_does(name, definite):
         np.testing.assert_array_equal(factors.solve(right), found[one])
         assert np.abs(A @ found[one] - right).max() < 1e-10
         assert factors.solve(right[:, 0]).shape == (n,)
+        other = factoriser(A + A)  # in the order that was found
+        np.testing.assert_allclose(other.solve(right), found[one] / 2, atol=1e-10)
     np.testing.assert_allclose(found[name], found["superlu"], atol=1e-10)
 
 

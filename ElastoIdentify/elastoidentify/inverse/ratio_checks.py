@@ -22,6 +22,7 @@ from .poisson import of_unit_young
 # shifts of ν worth a sentence, of known cells (which the map feels little) and of unknown ones
 NOTABLE = {True: 0.02, False: 0.01}
 CERTAIN = 4.0  # and how many standard deviations they must be
+LARGEST = 0.5  # ν of a material that is alike in all directions
 
 
 def ratio_checks(fit) -> list[dict]:
@@ -34,8 +35,9 @@ def ratio_checks(fit) -> list[dict]:
     Returns
     -------
     list of dict
-        ``label``; ``known`` (its E was given, too); ``given``, ``shown``, ``std``: ν. Labels whose
-        ν cannot be told are left out.
+        ``label``; ``known`` (its E was given, too); ``given``, ``shown``, ``std``: ν; ``beyond``:
+        by how much the displacements show more than ½ in plane stress, where ``shown`` ends there.
+        Labels whose ν cannot be told are left out.
     """
     given = list(_given(fit.problem))
     if not given:
@@ -45,9 +47,12 @@ def ratio_checks(fit) -> list[dict]:
     for (label, known, cells), (shift, std) in zip(given, shifts, strict=True):
         nu = float(_ratio_and_young(fit, cells)[0].mean())
         if np.isfinite(std):
+            shown = float(nu + shift)
+            beyond = max(shown - LARGEST, 0.0) if fit.problem.unknowns.plane_stress else 0.0
             rows.append(
-                {"label": label, "known": known, "given": nu, "shown": nu + shift, "std": std}
-            )
+                {"label": label, "known": known, "given": nu, "shown": shown - beyond, "std": std,
+                 "beyond": beyond}
+            )  # fmt: skip
     return rows
 
 
@@ -107,8 +112,20 @@ def _shifts(fit, labels):
 
 def contradicts(row: dict) -> bool:
     """Tell whether the displacements contradict a ν that was given."""
-    least = max(NOTABLE[row["known"]], CERTAIN * row["std"])
-    return abs(row["shown"] - row["given"]) > least
+    return abs(row["shown"] - row["given"]) > _least(row)
+
+
+def spreads_too_much(row: dict) -> bool:
+    """Tell whether the displacements show more than the ν of any isotropic material.
+
+    In plane stress, where λ* = 2μν/(1 − ν) hardly changes near ν = ½: the map is then that of the
+    nearest ν that a material can have, and `shown` is that.
+    """
+    return row.get("beyond", 0.0) > _least(row)
+
+
+def _least(row):
+    return max(NOTABLE[row["known"]], CERTAIN * row["std"]) + 1e-9
 
 
 def mean_strains(problem) -> list[dict]:
@@ -143,7 +160,12 @@ def mean_strains(problem) -> list[dict]:
 
 
 def reason(row: dict) -> str:
-    """Say that the displacements contradict a ν that was given, and what to try."""
+    """Say that the displacements contradict a ν that was given, or any, and what to try."""
+    if spreads_too_much(row) and not contradicts(row):
+        return (
+            f"label {row['label']} spreads sideways more than any material that is alike in all "
+            "directions: it may yield, have fibres, or move out of the imaged plane"
+        )
     what = "which was not asked to be estimated: it makes lesions that are not there; let it be "
     what += "estimated (unknowns 'young', standard deviation of Poisson's ratio 0.05)"
     if row["known"]:

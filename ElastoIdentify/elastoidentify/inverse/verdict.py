@@ -2,7 +2,7 @@
 
 from .inverted import MOST
 from .observations import CONTRADICTED
-from .ratio_checks import contradicts, reason
+from .ratio_checks import contradicts, reason, spreads_too_much
 
 NOISE_FACTOR = 1.6
 """Found over stated noise from which the model is in doubt.
@@ -109,8 +109,11 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
     if local and local["share"] > SOME_MISFIT:
         much = local["share"] > MUCH_MISFIT and not coarse
         (bad if much else doubtful).append(_where(local))
-    for row in filter(contradicts, report.get("poisson_checks", ())):
-        (doubtful if row["known"] else bad).append(reason(row))
+    for row in report.get("poisson_checks", ()):
+        if contradicts(row):
+            (doubtful if row["known"] else bad).append(reason(row))
+        elif spreads_too_much(row):
+            doubtful.append(reason(row))
     if one_direction and report["grouping"] == "cell":
         doubtful.append(
             "all pushes have one direction, which cannot tell a stiff cell from the path of the "

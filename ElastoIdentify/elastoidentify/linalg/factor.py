@@ -32,7 +32,8 @@ class Factoriser:
     """
 
     def __init__(self, places: np.ndarray, definite: bool = True):
-        self.places, self.definite, self.pieces, self.plan = places, definite, None, None
+        self.places, self.definite = places, definite
+        self.pieces = self.plan = self.order = None
         self.name = factorisation()
         if self.name == "pardiso" and len(places) < SMALL:
             self.name = "fronts"
@@ -48,13 +49,7 @@ class Factoriser:
         if not np.isfinite(matrix.data).all():
             raise RuntimeError("the matrix has values that are not finite")
         if self.name == "pardiso":
-            try:
-                return Pardiso(matrix, self.definite)
-            except RuntimeError:
-                if not self.definite:
-                    raise
-            # a body that is held nowhere: go on as SuperLU does, with perturbed pivots
-            return Pardiso(matrix, False)
+            return self._pardiso(matrix)
         if self.pieces is None:
             self.pieces = nested_dissection(matrix, self.places)
         if self.name == "fronts":
@@ -63,6 +58,17 @@ class Factoriser:
             except NotQuasiDefinite:
                 pass  # a body that buckles, or is held nowhere: any pivots will do
         return QuasiDefiniteSolver(matrix, self.pieces)
+
+    def _pardiso(self, matrix):
+        try:
+            found = Pardiso(matrix, self.definite, self.order)
+        except RuntimeError:
+            if not self.definite:
+                raise
+            # a body that is held nowhere: go on as SuperLU does, with perturbed pivots
+            found = Pardiso(matrix, False, self.order)
+        self.order = found.order
+        return found
 
     def _fronts(self, matrix):
         if matrix.format not in ("csr", "csc"):
@@ -102,20 +108,28 @@ def _mkl():
 
 
 class Pardiso:
-    """LLᵀ (definite) or LDLᵀ factors by MKL PARDISO, of the upper triangle."""
+    """LLᵀ (definite) or LDLᵀ factors by MKL PARDISO, of the upper triangle.
+
+    `order`, (n,), is that of other factors, of a matrix of this pattern: to find one takes an
+    eighth of the time of a large factorisation, and half of that of a small one.
+    """
 
     # (number, value), counted from 1 as in MKL's manual: nested dissection by METIS, no refinement,
     # no scaling or matching (they are for unsymmetric pivots), 1×1 and 2×2 pivots, entries counted
     PARAMETERS = ((1, 1), (2, 2), (8, 0), (10, 8), (11, 0), (13, 0), (18, -1), (21, 1), (24, 0))
 
-    def __init__(self, matrix: sp.spmatrix, definite: bool):
+    FIND_ORDER, TAKE_ORDER = (5, 2), (5, 1)
+
+    def __init__(self, matrix: sp.spmatrix, definite: bool, order: np.ndarray | None = None):
         matrix = sp.triu(matrix, format="csr")
         matrix.sort_indices()
         self.n, self.matrix = matrix.shape[0], matrix
         self.solver = _mkl()(mtype=2 if definite else -2)
         self.solver._check_A = lambda A: None  # it would refuse a triangle
-        for number, value in self.PARAMETERS:
+        how = self.FIND_ORDER if order is None else self.TAKE_ORDER
+        for number, value in (*self.PARAMETERS, how):
             self.solver.set_iparm(number, value)
+        self.order = self.solver.perm = np.zeros(self.n, np.int32) if order is None else order
         self._call(12, np.zeros((self.n, 1)))
 
     def _call(self, phase, right):
