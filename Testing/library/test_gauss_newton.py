@@ -202,3 +202,24 @@ def test_in_space_products_and_factors_give_the_same_map(monkeypatch, without_mo
     assert apart.max() < 0.02
     spread = by_products.mu_std[unknown] / by_factors.mu_std[unknown]
     assert 0.7 < np.median(spread) < 1.4  # fewer samples on the way
+
+
+@pytest.mark.usefixtures("without_model_misfit")
+def test_a_nearly_incompressible_block_that_is_pushed_far_settles_whatever_its_noise():
+    """Newton's steps used to run away from balance: no map, or one with 19 times the noise."""
+    n, noise = 4, 0.02
+    points, cells = box_mesh((n, n, n), (float(n),) * 3)
+    outside = (np.isclose(points, 0) | np.isclose(points, n)).any(axis=1)
+    labels = np.where(points[cells].mean(axis=1)[:, 2] > n - 1, 1, 2)
+    wide, high = 0.8**-0.5, 0.8  # it keeps its volume
+    for seed in (0, 4):
+        error = noise * np.random.default_rng(seed).standard_normal(points.shape)
+        u = (points * [wide - 1, wide - 1, high - 1] + error)[None]
+        result = ei.identify(
+            points, cells, u, {1: (1.0, 0.499)}, labels=labels, reaction_nodes=outside,
+            method="regularized", kinematics="neo-hookean", unknowns="young", poisson_ratio=0.499,
+            grouping="label", information=np.broadcast_to(np.eye(3) / noise**2, (*u.shape, 3)),
+        )  # fmt: skip
+        assert 0.7 < result.report["noise_scale"] < 1.2
+        off = np.abs(result.young - 1) / np.maximum(result.young_std, 1e-9)
+        assert not (off > 3).any()  # a modulus that the noise hides is NaN

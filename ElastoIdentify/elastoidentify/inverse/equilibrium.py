@@ -182,14 +182,19 @@ class Equilibrium:
 
     def _balance(self, cells, eta, lam, mu, tell):
         """Newton's method for the free nodes of one trial: η, and its last K and factors."""
-        for _ in range(NEWTON_STEPS):
+
+        def forces(eta):
             u = self.displacements(eta[:, None])[0]
-            K = self._stiffness(u, lam, mu, cells)
+            return (self.Z.T @ cells.forces(u, lam, mu).ravel())[: self.n_free]
+
+        force = forces(eta)
+        for _ in range(NEWTON_STEPS):
+            K = self._stiffness(self.displacements(eta[:, None])[0], lam, mu, cells)
             factors = self._factorise(K)
-            force = self.Z.T @ cells.forces(u, lam, mu).ravel()
             step = np.zeros(self.n_eta)
-            step[: self.n_free] = factors.solve(-force[: self.n_free])
+            step[: self.n_free] = factors.solve(-force)
             new = self.without_inversion(eta, eta + step)
+            new, force = self._nearer_to_balance(forces, eta, force, new)
             change, eta = np.abs(new - eta).max(), new
             if tell:
                 tell()
@@ -267,6 +272,19 @@ class Equilibrium:
             return state.eta + changes
         pairs = zip(state.eta.T, changes.T, strict=True)
         return np.stack([self.without_inversion(eta, eta + d) for eta, d in pairs], axis=1)
+
+    def _nearer_to_balance(self, forces, eta, force, new):
+        """Return new, halfway back to η for as long as its forces are the larger, and its forces.
+
+        Newton's step leads to smaller forces at first, also where the body would buckle.
+        """
+        size = np.linalg.norm(force)
+        for _ in range(HALVINGS):
+            left = forces(new)
+            if np.linalg.norm(left) < size or np.abs(new - eta).max() < BALANCED * self.size:
+                break
+            new = (eta + new) / 2
+        return new, left
 
     def without_inversion(self, eta, new):
         """Return new, halfway back to η for as long as it turns cells inside out that η does not.

@@ -19,15 +19,20 @@ def write(results: dict) -> None:
     page = DOCS / "open-benchmark.md"
     text = page.read_text(encoding="utf-8")
     before, rest = text.split(BEGIN)
-    made = "\n\n".join(
-        [_first(results), *map(lambda one: _problem(one, results[one]), _order(results))]
-    )
+    results = _ordered(results)
+    made = "\n\n".join([_first(results), *(_problem(name, results[name]) for name in results)])
     page.write_text(f"{before}{BEGIN}\n\n{made}\n\n{END}{rest.split(END)[1]}", encoding="utf-8")
     _picture(results)
 
 
-def _order(results):
-    return [name for name in problems.NAMES if name in results]
+def _ordered(results):
+    """Return the results in the order of the problems and of their levels."""
+    return {
+        name: {level: results[name][level] for level in levels if level in results[name]}
+        for name in problems.NAMES
+        if name in results
+        for levels in [problems.load(name).LEVELS]
+    }
 
 
 def _scored(level):
@@ -37,8 +42,8 @@ def _scored(level):
 def _first(results):
     """Who comes first on which level, by RMS."""
     rows = ["| problem, level | first by RMS | RMS | next | RMS |\n|---|---|---|---|---|"]
-    for name in _order(results):
-        for level, found in results[name].items():
+    for name, levels in results.items():
+        for level, found in levels.items():
             ranked = sorted(_scored(found).items(), key=lambda one: one[1]["rms"])
             if len(ranked) > 1:
                 both = [f"{methods.load(m).TITLE} | {one['rms']:.3f}" for m, one in ranked[:2]]
@@ -95,7 +100,7 @@ def _picture(results):
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    shown = [name for name in _order(results) if any(map(_scored, results[name].values()))]
+    shown = [name for name, levels in results.items() if any(map(_scored, levels.values()))]
     rows = -(-len(shown) // 3)
     figure, axes = plt.subplots(
         rows, 3, figsize=(12, 3.4 * rows), squeeze=False, layout="constrained"
