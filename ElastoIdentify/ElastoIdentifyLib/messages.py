@@ -198,6 +198,7 @@ TEMPLATES = (
     _("which was not asked to be estimated: it makes lesions that are not there; let it be "),
     _("estimated (unknowns 'young', standard deviation of Poisson's ratio 0.05)"),
     _("Poisson's ratio of label {0} was given as {1}, and its displacements show about {2}, {3}"),
+    _("label {0} spreads sideways more than any material that is alike in all directions: it may yield, have fibres, or move out of the imaged plane"),
     _("so check it; if it is right, the body moves out of the imaged plane, or slips"),
     _("regularized: first fit"),
     _("regularized: Poisson's ratios that were given"),
