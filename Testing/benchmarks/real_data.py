@@ -1,20 +1,24 @@
-"""Real images through the whole chain: `real_data.py [tensile foam open_hole] --data FOLDER`.
+"""Real images through the whole chain.
+
+    python Testing/benchmarks/real_data.py [tensile foam open_hole ultrasound] --data FOLDER
 
 The images are other people's and not in this repository; FILES has their addresses and checksums.
 They are read from the folder that `--data` or ELASTOIDENTIFY_REAL_DATA names; a set whose files are
 absent, or others than those that this was written for, is skipped, and it is said why. All sets
-have one direction of pull, no pad of measured stiffness (a part of the body itself is declared
-known) and pixels for a unit of length. What is known of each is in its function.
+have one direction of pull or push and no pad of measured stiffness (a part of the body itself is
+declared known); all but the ultrasound have pixels for a unit of length. What is known of each is
+in its function.
 """
 
 import argparse
 import hashlib
 import os
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from elastoidentify import InputError
 from elastoidentify.imaging.image import Image
 from elastoidentify.pipeline import cell_blocks, make_mesh, measure, run
 from elastoidentify.report.picture import draw
@@ -24,6 +28,10 @@ from scipy import ndimage
 MUDIC = "PolymerGuy/muDIC, commit c2c5401, Examples/example_data"
 ALDIC = "jyang526843/2D_ALDIC, commit 993a319, Images_Quadtree_demo/Images_foam_stretch"
 OPENCORR = "vincentjzy/OpenCorr, commit 44532cc, examples/2d_dic"
+ZAYED = "AbdelrahmanZayed/PCA-GLUE_Ultrasound_Elastography, commit 3dfcd5e"
+HASHEMI = (
+    "sepehrgh98/Ultrasound-Elastography-A-Dynamic-Programming-Approach, commit 9493cef, RFData"
+)
 FILES = {
     "ut_151.tif": (MUDIC, "bab64317505b2032a4d277f693456a65cd9c1d2a248a803cca3b8dcd8e3548b8"),
     "ut_155.tif": (MUDIC, "8f97acd0be1b8450df7808e5354f1526c9ecaa71218cbd29732401d159a3d6d0"),
@@ -52,8 +60,26 @@ FILES = {
         OPENCORR,
         "274ceb5ebae776b3dc2c11cb6d56bf5e0bfa4bae7a4df3f905ad964a0570f476",
     ),
+    "248_layer0_idx248_BDATA_BF.mat": (
+        ZAYED,
+        "9f6cd49f67916f633d67a77bbd3fff6ffc1b1388e80f86a79221676218fa8b96",
+    ),
+    "253_layer0_idx253_BDATA_BF.mat": (
+        ZAYED,
+        "9d91b0869c4c7da0706b6f2076b358b40e09467934fdaaa12e0c1bbecb73edd4",
+    ),
+    "359_layer0_idx359_BDATA_BF.mat": (
+        ZAYED,
+        "b978fe5f74e05318a4ef1ed88ae8a4fd792525fe345da75781d3bc1af2db8741",
+    ),
+    "392_layer0_idx392_BDATA_BF.mat": (
+        ZAYED,
+        "cd026cc924f7185ee59714fb75f22b9b0907894a4ccaeaa7ec4f209ada4ac07f",
+    ),
+    "rf01.mat": (HASHEMI, "c674e46d5cfd6154e7ea1578dde08a8c3a2d906fc1567c8fd2bcfc73cd196482"),
+    "rf03.mat": (HASHEMI, "90e7c429dbcf7f70e6f9121f0f60741ed07d78b1160525ae36edd53147c2d926"),
 }
-PAD, REST = 1, 2
+PAD, REST, LESION = 1, 2, 3
 
 
 class Skip(Exception):
@@ -69,11 +95,15 @@ class Pair:
     labels: np.ndarray
     edge: float
     options: dict = field(default_factory=dict)
+    spacing: tuple = (1.0, 1.0, 1.0)
 
     def study(self, **more) -> Study:
-        rest, *pushed = (Image(one.astype(np.float32)) for one in (self.rest, *self.pushed))
+        def image(pixels):
+            return Image(pixels, spacing=self.spacing)
+
+        rest, *pushed = (image(one.astype(np.float32)) for one in (self.rest, *self.pushed))
         options = {"length_unit": "px", "unit": "kPa", "plane": "stress", "method": "regularized"}
-        options |= {"edge_length": self.edge, "segmentation": Image(self.labels)} | self.options
+        options |= {"edge_length": self.edge, "segmentation": image(self.labels)} | self.options
         return Study(rest=rest, pushed=pushed, **options | more)
 
 
@@ -144,6 +174,47 @@ def open_hole(folder: Folder) -> Pair:
     labels = np.where(np.hypot(x - x0, y - y0) < np.sqrt(size.max() / np.pi) + 3, 0, REST)
     labels[(labels == REST) & (y < 200)] = PAD
     return Pair(rest, [pushed], labels.astype(np.uint8), 12.0, _young(50.0, 0.3))
+
+
+PHANTOMS = {
+    # files; mm from line to line; centre of the lesion (sample, line) and its radii; samples used
+    "z": (
+        [f"{n}_layer0_idx{n}_BDATA_BF.mat" for n in (248, 253, 359, 392)],
+        0.1, (1315, 188), (225, 48), (80, 2140), 1.4,
+    ),
+    "r": (["rf01.mat", "rf03.mat"], 0.075, (1000, 247), (280, 72), (150, 1700), 1.2),
+}  # fmt: skip
+SAMPLE, EVERY = 0.01925, 4  # mm from sample to sample; of which one in so many is kept
+
+
+def ultrasound(folder: Folder, name: str) -> Pair:
+    """A phantom with one stiffer lesion, pushed by the probe: log-envelopes of radiofrequency data.
+
+    The uppermost fifth is declared known. Nobody has published what the contrast is: 20 kPa and at
+    least twice as stiff ("z", CIRS 059), 33 and 56 kPa ("r"), from memory.
+    """
+    files, line, centre, radii, (top, bottom), edge = PHANTOMS[name]
+    frames = [_envelope(folder(file), top, bottom) for file in files]
+    rows = top + EVERY * np.arange(len(frames[0]))[:, None]
+    lines = np.arange(frames[0].shape[1])
+    labels = np.full(frames[0].shape, REST, np.uint8)
+    labels[rows[:, 0] < top + 0.2 * (bottom - top)] = PAD
+    inside = ((rows - centre[0]) / radii[0]) ** 2 + ((lines - centre[1]) / radii[1]) ** 2 < 1
+    labels[inside] = LESION
+    options = _young(20.0, 0.45) | {"length_unit": "mm", "plane": "strain"}
+    return Pair(frames[0], frames[1:], labels, edge, options, (line, SAMPLE * EVERY, 1.0))
+
+
+def _envelope(file, top, bottom):
+    """Envelope of radiofrequency data in dB, one in EVERY samples."""
+    from scipy.io import loadmat
+    from scipy.signal import hilbert
+
+    arrays = [v for key, v in loadmat(file).items() if not key.startswith("__")]
+    data = max((v for v in arrays if v.ndim == 2 and v.dtype.kind in "if"), key=np.size)
+    size = ndimage.gaussian_filter1d(np.abs(hilbert(data.astype(float), axis=0)), EVERY / 2, axis=0)
+    size = size[top:bottom:EVERY]
+    return np.clip(20 * np.log10(size / np.percentile(size, 99.5) + 1e-3) + 50, 0, 60)
 
 
 def _young(young, poisson):
@@ -253,6 +324,63 @@ def show_open_hole(folder, out):
     one_map("open hole, per cell", pair, out, found)
 
 
+def show_ultrasound(folder, out):
+    for name in PHANTOMS:
+        pair = ultrasound(folder, name)
+        study = pair.study(grouping="label")
+        mesh = make_mesh(study)
+        found = measure(study, mesh.points, mesh.cells, reaction_nodes=mesh.reaction_nodes)
+        for kinematics in ("small-strain", "neo-hookean"):
+            study = pair.study(grouping="label", kinematics=kinematics)
+            _lesion(f"phantom {name}, {kinematics}, per label", study, mesh, found)
+        hidden = replace(mesh, labels=np.where(mesh.labels == LESION, REST, mesh.labels))
+        study = pair.study(kinematics="neo-hookean")
+        outcome = _lesion(
+            f"phantom {name}, per cell, no label shows it", study, hidden, found, mesh
+        )
+        if out is not None and outcome is not None:
+            result = outcome.result
+            arrays = {
+                "Label": mesh.labels, "Mu": result.mu, "MuStd": result.mu_std,
+                "Lambda": result.lam, "Status": result.status,
+            }  # fmt: skip
+            cells = cell_blocks(mesh.cells)
+            draw(out / f"ultrasound_{name}.png", mesh.points, cells, arrays, study.rest,
+                 unit="kPa", length="mm")  # fmt: skip
+
+
+def _lesion(name, study, mesh, found, shown=None):
+    """Print the contrast of the lesion, and what is said; return the Outcome."""
+    labels = (shown or mesh).labels
+    try:
+        outcome = run(study, mesh=mesh, registration=found)
+    except InputError as refused:
+        print(f"\n{name}: {refused}", flush=True)
+        return None
+    young = outcome.result.young
+    strip, rest, lesion = (np.nanmedian(young[labels == one]) for one in (PAD, REST, LESION))
+    axial = np.abs(_axial(mesh, outcome.displacements[0]))
+    ratio = np.median(axial[labels == REST]) / np.median(axial[labels == LESION])
+    lost = outcome.result.report["nodes_astray"]
+    print(
+        f"\n{name}: {len(labels)} cells, lesion over background {lesion / rest:.2f} (ratio of the "
+        f"axial strains {ratio:.2f}), background over strip {rest / strip:.2f}, lost nodes "
+        f"{len(lost)} of {len(mesh.points)}",
+        f"verdict: {outcome.result.report['verdict']['sentence']}",
+        *(f"warning: {one}" for one in outcome.warnings),
+        sep="\n",
+        flush=True,
+    )
+    return outcome
+
+
+def _axial(mesh, u):
+    """Strain along the beam of each triangle."""
+    corners, moved = mesh.points[mesh.cells][..., :2], u[mesh.cells][..., :2]
+    edges, change = (v[:, 1:] - v[:, :1] for v in (corners, moved))
+    return np.linalg.solve(edges, change)[:, 1, 1]
+
+
 def compare(points, u, folder):
     """Print how far displacements (n, 3) at nodes are from those of OpenCorr (ICGN, radius 16)."""
     from scipy.interpolate import LinearNDInterpolator
@@ -273,7 +401,12 @@ def compare(points, u, folder):
         )
 
 
-SETS = {"tensile": show_tensile, "foam": show_foam, "open_hole": show_open_hole}
+SETS = {
+    "tensile": show_tensile,
+    "foam": show_foam,
+    "open_hole": show_open_hole,
+    "ultrasound": show_ultrasound,
+}
 
 
 def main():

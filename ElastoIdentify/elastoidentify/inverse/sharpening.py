@@ -40,7 +40,9 @@ UNSHARPENED = 0.0
 DRAWS, MANY = 2, 3_000  # of added noise; parameters from which one does, as chance averages out
 CERTAIN = 1.0  # standard deviations of what draws leave to chance, beyond which no more are taken
 WARY = 3.5  # charge for a degree of freedom, chosen on the bodies that docs/theory.md names
-LIMIT = 50_000  # free degrees of freedom beyond which fitting anew costs too much
+# free degrees of freedom, by dimension, beyond which fitting anew costs too much; by products it is
+# a fifteenth of the whole
+LIMIT = {2: 50_000, 3: 100_000}
 EDGE, REFITS = 0.1, 4  # jump of a log-modulus that is an edge; steps with each boundary one jump
 
 
@@ -78,7 +80,7 @@ def sharpen(fit) -> tuple[Map, Map | None]:
     if fit.problem.noise.information is not None:
         kept = _refitted(fit, _sharpened(fit, exponents[0]))
         return replace(kept, merged=fit.variation.merged(plain.x - kept.x)), None
-    if fit.forward.n_free > LIMIT:
+    if fit.forward.n_free > LIMIT[fit.problem.mesh.dim]:
         return _refitted(fit, _sharpened(fit, exponents[0])), plain
     stein, kept = Stein(fit, plain), None
     for exponent in exponents:
