@@ -23,6 +23,8 @@ from elastoidentify.imaging.image import Image
 from elastoidentify.pipeline import cell_blocks, make_mesh, measure, run
 from elastoidentify.report.picture import draw
 from elastoidentify.study import Study
+from open_benchmark.methods.strain_image import _axial_strain
+from open_benchmark.problem import Case
 from scipy import ndimage
 
 MUDIC = "PolymerGuy/muDIC, commit c2c5401, Examples/example_data"
@@ -252,18 +254,23 @@ def one_map(name: str, pair: Pair, out: Path | None, registration=None, **more):
         flush=True,
     )
     if out is not None and study.grouping == "cell":
-        arrays = {
-            "Label": outcome.mesh.labels,
-            "Mu": result.mu,
-            "MuStd": result.mu_std,
-            "Lambda": result.lam,
-            "Status": result.status,
-        }
-        draw(
-            out / f"{''.join(c if c.isalnum() else '_' for c in name)}.png", outcome.mesh.points,
-            cell_blocks(outcome.mesh.cells), arrays, study.rest, unit="kPa", length="px",
-        )  # fmt: skip
+        _picture(out, name, study, outcome.mesh, result)
     return outcome
+
+
+def _picture(out, name, study, mesh, result):
+    """Draw a map, the borders between the labels of `mesh` over it."""
+    arrays = {
+        "Label": mesh.labels,
+        "Mu": result.mu,
+        "MuStd": result.mu_std,
+        "Lambda": result.lam,
+        "Status": result.status,
+    }
+    draw(
+        out / f"{''.join(c if c.isalnum() else '_' for c in name)}.png", mesh.points,
+        cell_blocks(mesh.cells), arrays, study.rest, unit="kPa", length=study.length_unit,
+    )  # fmt: skip
 
 
 def show_tensile(folder, out):
@@ -339,14 +346,7 @@ def show_ultrasound(folder, out):
             f"phantom {name}, per cell, no label shows it", study, hidden, found, mesh
         )
         if out is not None and outcome is not None:
-            result = outcome.result
-            arrays = {
-                "Label": mesh.labels, "Mu": result.mu, "MuStd": result.mu_std,
-                "Lambda": result.lam, "Status": result.status,
-            }  # fmt: skip
-            cells = cell_blocks(mesh.cells)
-            draw(out / f"ultrasound_{name}.png", mesh.points, cells, arrays, study.rest,
-                 unit="kPa", length="mm")  # fmt: skip
+            _picture(out, f"ultrasound {name}", study, mesh, outcome.result)
 
 
 def _lesion(name, study, mesh, found, shown=None):
@@ -359,7 +359,11 @@ def _lesion(name, study, mesh, found, shown=None):
         return None
     young = outcome.result.young
     strip, rest, lesion = (np.nanmedian(young[labels == one]) for one in (PAD, REST, LESION))
-    axial = np.abs(_axial(mesh, outcome.displacements[0]))
+    u = outcome.displacements[..., :2]
+    unknown = np.full((len(labels), 2), np.nan)
+    axial = _axial_strain(
+        Case(mesh.points[:, :2], "triangle", mesh.cells, u, mesh.reaction_nodes, unknown)
+    )
     ratio = np.median(axial[labels == REST]) / np.median(axial[labels == LESION])
     lost = outcome.result.report["nodes_astray"]
     print(
@@ -372,13 +376,6 @@ def _lesion(name, study, mesh, found, shown=None):
         flush=True,
     )
     return outcome
-
-
-def _axial(mesh, u):
-    """Strain along the beam of each triangle."""
-    corners, moved = mesh.points[mesh.cells][..., :2], u[mesh.cells][..., :2]
-    edges, change = (v[:, 1:] - v[:, :1] for v in (corners, moved))
-    return np.linalg.solve(edges, change)[:, 1, 1]
 
 
 def compare(points, u, folder):

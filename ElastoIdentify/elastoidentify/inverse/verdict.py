@@ -2,7 +2,7 @@
 
 from .inverted import MOST
 from .observations import CONTRADICTED
-from .ratio_checks import contradicts, reason, spreads_too_much
+from .ratio_checks import contradicts, reason, reason_of_spread, spreads_too_much
 
 NOISE_FACTOR = 1.6
 """Found over stated noise from which the model is in doubt.
@@ -113,7 +113,7 @@ def judge(report: dict, informed: bool, one_direction: bool) -> dict:
         if contradicts(row):
             (doubtful if row["known"] else bad).append(reason(row))
         elif spreads_too_much(row):
-            doubtful.append(reason(row))
+            doubtful.append(reason_of_spread(row))
     if one_direction and report["grouping"] == "cell":
         doubtful.append(
             "all pushes have one direction, which cannot tell a stiff cell from the path of the "
