@@ -96,6 +96,23 @@ def draw_half(axes, mesh: LabelMesh, title: str):
     axes.view_init(18, -70)
 
 
+def small_disc() -> Image:
+    """A pad (3) on tissue (1) with a small disc (2), as large as the image; voxels of 0.5 mm."""
+    y, x = np.mgrid[:200, :160].astype(float)
+    labels = np.where(y < 40, 3, 1)
+    labels[np.hypot(x - 80, y - 120) < 12] = 2
+    return Image(labels, spacing=[0.5, 0.5, 1.0])
+
+
+def draw_graded():
+    figure, axes = plt.subplots(1, 2, figsize=(9.5, 6.4), constrained_layout=True)
+    for axis, grading in zip(axes, (1, 4), strict=True):
+        mesh = mesh_segmentation(small_disc(), 2.0, grading=grading)
+        draw_plane(axis, mesh, f"grading {grading}: {len(mesh.cells)} cells")
+    axes[0].set_ylabel("y (mm)")
+    figure.savefig(FOLDER / "meshing_graded.png", dpi=90)
+
+
 def main():
     FOLDER.mkdir(exist_ok=True)
     figure, axes = plt.subplots(1, 3, figsize=(14, 6.6), constrained_layout=True)
@@ -105,6 +122,7 @@ def main():
     draw_plane(axes[2], mesh_segmentation(sectors(), 5.0), "Edge 5 mm; twelve sectors")
     axes[0].set_ylabel("y (mm)")
     figure.savefig(FOLDER / "meshing_planar.png", dpi=90)
+    draw_graded()
     figure = plt.figure(figsize=(9, 7), constrained_layout=True)
     volume = mesh_segmentation(block_in_space(), 4.0)
     draw_half(figure.add_subplot(projection="3d"), volume, "Edge 4 mm, cut open")

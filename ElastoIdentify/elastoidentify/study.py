@@ -77,6 +77,16 @@ class MeshOptions(Table):
         metavar="LENGTH",
         own_choice=0.0,
     )
+    grading = Number(
+        1.0,
+        "How many times longer edges may be away from the borders of labels: 1, 2, 4 or 8. For one "
+        "unknown per label; what no label shows is found by even cells.",
+        minimum=1.0,
+        maximum=8.0,
+        group="Mesh",
+        advanced=True,
+        metavar="FACTOR",
+    )
     slice_axis = Choice(
         "none",
         "Mesh one slice across this image axis instead of the whole volume.",

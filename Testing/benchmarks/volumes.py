@@ -1,6 +1,7 @@
 """Volumes near incompressibility: bias, map, standard deviations, time.
 
     python Testing/benchmarks/volumes.py label cell other plane      # some minutes
+    python Testing/benchmarks/volumes.py graded                      # some minutes
     python Testing/benchmarks/volumes.py label25 cell25              # half an hour
     python Testing/benchmarks/volumes.py large                       # 110 592 tetrahedra
 
@@ -26,6 +27,8 @@ from elastoidentify.fem.elastic_constants import lame_from_young
 from elastoidentify.fem.forward import box_mesh
 from elastoidentify.fem.mesh import make_mesh
 from elastoidentify.fem.patches import patches
+from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.meshing import mesh_segmentation
 from elastoidentify.linalg.factor import Factoriser
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -33,13 +36,28 @@ import forward
 from cube import CONTRAST, PAD, inside, truth, unstructured
 
 
+VOXELS = 96  # along the cube's sides, where its labels are meshed
+
+
+def segmented(shape, n, grading):
+    """Return points and tetrahedra of a mesh of the cube's labels, n edges along its sides."""
+    centres = (np.indices((VOXELS,) * 3)[::-1].reshape(3, -1).T + 0.5) / VOXELS
+    labels = np.where(centres[:, 2] > PAD, 3, np.where(inside(centres, shape), 2, 1))
+    spacing = np.full(3, 1 / VOXELS)
+    image = Image(labels.reshape((VOXELS,) * 3), origin=spacing / 2, spacing=spacing)
+    mesh = mesh_segmentation(image, 1 / n, grading=grading)
+    return mesh.points, mesh.cells
+
+
 class Body:
     """One mesh of the cube with noisy displacements."""
 
-    def __init__(self, args, kind, n, poisson, shape="box", slip=False, noise=0.02, seed=1):
+    def __init__(self, args, kind, n, poisson, shape="box", slip=False, noise=0.02, seed=1, grading=1):
         n = (n,) * 3 if isinstance(n, int) else n
         if kind == "unstructured":
             points, self.cells = unstructured(n[0])
+        elif kind == "segmented":
+            points, self.cells = segmented(shape, n[0], grading)
         else:
             points, self.cells = box_mesh(n, (1.0, 1.0, 1.0), kind)
         self.kind, self.points, self.poisson = kind, points, poisson
@@ -145,6 +163,15 @@ def cell25(args):
         Body(args, "tetra", 16, nu).row(f"ν {nu}, box, clamped", "cell")
 
 
+def graded(args, n=16):
+    """Cells that grow away from the borders, beside even ones of the same edge there."""
+    print(HEAD)
+    for shape in ("box", "ball"):
+        for grading in (1, 2):
+            one = Body(args, "segmented", n, 0.495, shape, grading=grading)
+            one.row(f"ν 0.495, {shape}, edges up to {grading} times as long", "label")
+
+
 def other(args):
     print(HEAD)
     for grouping in ("label", "cell"):
@@ -184,7 +211,7 @@ def large(args):
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB")
 
 
-SECTIONS = {f.__name__: f for f in (label, cell, other, plane, label25, cell25, large)}
+SECTIONS = {f.__name__: f for f in (label, cell, graded, other, plane, label25, cell25, large)}
 
 
 def main():

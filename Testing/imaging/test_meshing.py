@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+from elastoidentify import identify
 from elastoidentify.errors import Cancelled, InputError
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.meshing import mesh_segmentation
 from elastoidentify.imaging.meshing.quality import triangle_angles, triangle_areas
+from elastoidentify.imaging.phantom import Inclusion, make_phantom
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 
 def grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -186,6 +189,49 @@ def test_a_layer_of_a_fifth_of_the_edge_length_stays_straight_and_whole():
     assert areas(result)[2] == pytest.approx(360, abs=1e-6)
     layer = flat(result)[np.unique(result.cells[result.labels == 2])]
     assert np.isin(layer[:, 1].round(6), [99.5, 101.5]).all()
+
+
+def longest_edges(result) -> np.ndarray:
+    corners = result.points[result.cells]
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+
+
+def test_edges_grow_away_from_borders_and_borders_stay_as_they_are():
+    even, graded = mesh(nested_blobs(), 6.0), mesh(nested_blobs(), 6.0, grading=4)
+    check_conforming(graded)
+    assert len(graded.cells) < 0.5 * len(even.cells)
+    assert smallest_angle(graded) >= 25
+    assert euler_number(graded) == euler_number(even)
+    for label, area in areas(even).items():
+        assert areas(graded)[label] == pytest.approx(area, rel=1e-3)
+    length, centre = longest_edges(graded), flat(graded)[graded.cells].mean(axis=1)
+    nodes = [border_nodes(graded, one, other) for one, other in ((1, 0), (2, 1), (3, 2), (4, 3))]
+    distance = cKDTree(flat(graded)[np.concatenate(nodes)]).query(centre)[0]
+    assert length[distance < 3].max() < 12
+    assert np.median(length[distance > 20]) > 12
+    assert length.max() < 30
+
+
+def test_graded_cells_tell_the_modulus_of_a_label():
+    phantom = make_phantom(inclusions=[Inclusion(0.5, 0.5, 0.12, 3.0)], width=208, elements=40, noise=0)
+    found = {}
+    for grading in (1, 4):
+        one = mesh_segmentation(
+            phantom.segmentation, 5.0, grading=grading, rigid_labels=phantom.rigid_labels
+        )
+        u = phantom.displacements(one.points)
+        u += 1e-3 * np.abs(u).max() * np.random.default_rng(0).standard_normal(u.shape)
+        known = [[5000.0, 0.45] if label == 1 else [np.nan] * 2 for label in one.labels]
+        result = identify(
+            one.points, one.cells, u[..., :2], known, labels=one.labels, grouping="label",
+            method="regularized", unknowns="young", poisson_ratio=0.45, refine=1,
+            reaction_nodes=one.reaction_nodes,
+        )  # fmt: skip
+        young = {label: np.median(result.young[one.labels == label]) for label in (2, 3)}
+        found[grading] = len(one.cells), young
+    assert found[4][0] < 0.5 * found[1][0]
+    for label, true in ((2, 3000), (3, 9000)):
+        assert found[4][1][label] == pytest.approx(true, rel=0.05), found
 
 
 def test_a_hole_is_left_open():

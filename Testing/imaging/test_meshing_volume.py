@@ -5,6 +5,7 @@ import pytest
 from elastoidentify.errors import Cancelled
 from elastoidentify.imaging.image import Image
 from elastoidentify.imaging.meshing import mesh_segmentation
+from elastoidentify.imaging.meshing.lattice import body_centred_lattice
 from elastoidentify.imaging.meshing.quality import dihedral_angles, tetrahedron_volumes
 
 
@@ -97,6 +98,51 @@ def test_edges_have_the_length_asked_for():
         np.diff(result.points[np.unique(np.sort(pairs), axis=0)], axis=1), axis=2
     )
     assert length.mean() == pytest.approx(5.0, rel=0.1)
+
+
+def ball_in_a_block() -> np.ndarray:
+    """Return a pad (3) on tissue (1) with a small ball (2): a body that fills the image."""
+    x, y, z = grid(64, 64, 64)
+    ball = (x - 31.5) ** 2 + (y - 31.5) ** 2 + (z - 30) ** 2 < 8**2
+    return np.where(z >= 54, 3, np.where(ball, 2, 1))
+
+
+def test_edges_grow_away_from_borders():
+    even = mesh_segmentation(Image(ball_in_a_block()), 3.0)
+    graded = mesh_segmentation(Image(ball_in_a_block()), 3.0, grading=4)
+    check_conforming(graded)
+    assert len(graded.cells) < 0.5 * len(even.cells)
+    assert dihedral_angles(graded.points, graded.cells).min() >= 12
+    for label, volume in volumes(even).items():
+        assert volumes(graded)[label] == pytest.approx(volume, rel=0.01)
+    inner = [(mesh.labels == 2).sum() for mesh in (even, graded)]
+    assert inner[1] > 0.9 * inner[0]
+    largest = tetrahedron_volumes(graded.points, graded.cells).max()
+    assert largest > 30 * np.median(tetrahedron_volumes(even.points, even.cells))
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3])
+def test_cubes_of_all_sizes_fill_the_block_without_a_gap(levels):
+    """Random room, planes within the block, sides that no cube divides."""
+    random = np.random.default_rng(levels)
+    planes = [np.array([0, 11.0, 49.0]), np.array([0, 26.0]), np.array([-3.0, 25.0])]
+    places = random.uniform([0, 0, -3], [49, 26, 25], (3, 3))
+
+    def room(x):
+        return 3 * np.linalg.norm(x[:, None] - places, axis=2).min(axis=1)
+
+    points, cells = body_centred_lattice(planes, 1.0, room, levels)
+    size = tetrahedron_volumes(points, cells)
+    assert size.sum() == pytest.approx(49 * 26 * 28, rel=1e-12)
+    assert size.max() / size.min() >= 0.9 * 8**levels
+    angles = dihedral_angles(points, cells)
+    assert angles.min() > 44.9 and angles.max() < 120.1
+    faces, uses = faces_and_uses(cells)
+    rim = points[faces[uses == 1]]
+    low, high = points.min(axis=0), points.max(axis=0)
+    flat = ((rim == low) | (rim == high)).all(axis=1).any(axis=1)
+    assert uses.max() == 2 and flat.all()
+    assert not ((points[cells] < 11).any(axis=1) & (points[cells] > 11).any(axis=1))[:, 0].any()
 
 
 def test_many_labels_that_meet_everywhere():

@@ -11,6 +11,7 @@ from ...fem.contact import split_nodes
 from ...progress import Progress, part
 from ..image import Image
 from .fit import fit_notes
+from .grading import wanted_edges
 from .quality import border_sides, cell_sizes, dihedral_angles, triangle_angles
 from .reactions import check_boxes, inside_box, on_image_border
 from .regions import remove_islands
@@ -19,6 +20,7 @@ from .tetrahedra import mesh_tetrahedra
 from .triangles import mesh_triangles
 
 MOST_CELLS = 2_000_000
+MOST_GRADING = 8  # times the edge length
 WRONG_SIZE = 0.03  # relative error of a label's area or volume; beyond it, the notes say so
 STICKS, SLIDES = 1, 2  # marks of reaction nodes
 NEAR_WHOLE = 1e-3  # labels stored as floats may be off a whole number by so much
@@ -63,6 +65,7 @@ def mesh_segmentation(
     segmentation: Image,
     edge_length: float,
     *,
+    grading: float = 1.0,
     rigid_labels: int | Sequence[int] = (),
     reaction_boxes: Sequence[Sequence[float]] = (),
     sliding_labels: int | Sequence[int] = (),
@@ -82,6 +85,10 @@ def mesh_segmentation(
         the image border.
     edge_length : float
         Edge length of the cells, in world units (usually mm).
+    grading : float
+        How many times longer edges may be away from the borders between labels: 1 (everywhere the
+        same), 2, 4 or 8; of other numbers the power of two below counts. They grow as they are far
+        from a border: see `grading.wanted_edges`.
     rigid_labels : int or sequence of int
         Labels of bodies that do not deform (floor, indenter). They get no cells; the nodes they
         share with other labels become reaction nodes.
@@ -108,8 +115,8 @@ def mesh_segmentation(
     ------
     InputError
         If the segmentation holds no label, or values that are no labels; if the edge length is not
-        positive, larger than every region, or gives more than two million cells; if a rigid label
-        is absent or a box is malformed.
+        positive, larger than every region, or gives more than two million cells; if the grading is
+        below 1 or above 8; if a rigid label is absent or a box is malformed.
     """
     progress = part(progress, 0.0, 1.0)
     labels = checked_labels(segmentation)
@@ -119,7 +126,8 @@ def mesh_segmentation(
     check_rigid(labels, rigid_labels)
     sliding_labels = np.atleast_1d(sliding_labels).tolist()
     check_contact(labels, rigid_labels, sliding_labels, slip)
-    smallest = check_edge_length(labels, segmentation, edge_length)
+    check_grading(grading)
+    smallest = check_edge_length(labels, segmentation, edge_length, grading)
 
     progress(0.0, "Islands")
     labels, removed = remove_islands(labels, smallest)
@@ -127,7 +135,7 @@ def mesh_segmentation(
     notes += island_notes(removed, edge_length)
     if segmentation.planar_axis is None:
         points, cells, cell_labels = mesh_tetrahedra(
-            labels, segmentation.spacing, edge_length, part(progress, 0.02, 0.95)
+            labels, segmentation.spacing, edge_length, part(progress, 0.02, 0.95), grading
         )
         index = points / segmentation.spacing
     else:
@@ -138,6 +146,7 @@ def mesh_segmentation(
             segmentation.spacing[along],
             edge_length,
             part(progress, 0.02, 0.95),
+            grading,
         )
         index = np.zeros((len(plane), 3))
         index[:, along] = plane / segmentation.spacing[along]
@@ -265,7 +274,9 @@ def slip_notes(cells: np.ndarray, cell_labels: np.ndarray, slip) -> list[str]:
     return notes
 
 
-def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: float) -> float:
+def check_edge_length(
+    labels: np.ndarray, segmentation: Image, edge_length: float, grading: float = 1.0
+) -> float:
     """Return the voxels of one cell, or raise `InputError`."""
     if not (isinstance(edge_length, Real) and 0 < edge_length < np.inf):
         raise InputError(f"edge length is {edge_length}: give a length above 0 in world units")
@@ -275,6 +286,11 @@ def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: floa
     shape = np.sqrt(3) / 4 if dimension == 2 else 1 / 12
     voxels_per_cell = shape * edge_length**dimension / sizes.prod()
     count = np.count_nonzero(labels) / voxels_per_cell
+    if count > MOST_CELLS and grading > 1:
+        ends = dimension == 2
+        flat = labels if dimension == 3 else labels.squeeze(2 - segmentation.planar_axis)
+        longer = wanted_edges(flat, sizes, edge_length, grading, ends)
+        count = (longer[flat > 0] ** -float(dimension)).sum() / voxels_per_cell
     if count > MOST_CELLS:
         least = edge_length * (count / MOST_CELLS) ** (1 / dimension)
         raise InputError(
@@ -288,6 +304,15 @@ def check_edge_length(labels: np.ndarray, segmentation: Image, edge_length: floa
             f"edge length {edge_length:g} is larger than every label: use less than {most:.2g}"
         )
     return voxels_per_cell
+
+
+def check_grading(grading: float) -> None:
+    """Raise `InputError` unless edges may become longer by a sensible factor."""
+    if not (isinstance(grading, Real) and 1 <= grading <= MOST_GRADING):
+        raise InputError(
+            f"grading is {grading}: give how many times longer edges may be away from borders, 1 "
+            f"(nowhere) to {MOST_GRADING}"
+        )
 
 
 def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

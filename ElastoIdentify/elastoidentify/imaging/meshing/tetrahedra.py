@@ -16,6 +16,8 @@ import numpy as np
 from scipy import ndimage, sparse
 
 from ...progress import Progress, part, silent
+from .grading import at, wanted_edges
+from .lattice import body_centred_lattice
 from .quality import dihedral_angles, tetrahedron_volumes
 
 CELL_SIZE = 1.1  # side of a lattice cell over the edge length: makes the mean edge right
@@ -33,7 +35,11 @@ LARGEST_OFFSET = 0.45  # of a smoothed label; beyond, it hardly changes with the
 
 
 def mesh_tetrahedra(
-    labels: np.ndarray, spacing: np.ndarray, edge_length: float, progress: Progress = silent
+    labels: np.ndarray,
+    spacing: np.ndarray,
+    edge_length: float,
+    progress: Progress = silent,
+    grading: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points (n, 3), tetrahedra (m, 4) of positive volume and their labels (m,).
 
@@ -45,6 +51,8 @@ def mesh_tetrahedra(
         Voxel size along i, j, k.
     edge_length : float
         In the unit of `spacing`.
+    grading : float
+        How many times longer edges may be away from borders; what counts is the power of two below.
 
     Points are in scaled indices: voxel [k, j, i] has its centre at (i, j, k) · spacing.
     """
@@ -54,7 +62,12 @@ def mesh_tetrahedra(
     fields = label_fields(labels, spacing, edge_length)
     progress(0.3, "Lattice")
     planes = flat_borders(labels, spacing, edge_length)
-    lattice = labelled_lattice(planes, fields, CELL_SIZE * edge_length)
+    levels = int(np.log2(grading))
+    room = wanted_edges(labels, spacing, edge_length, grading, False) if levels else None
+    points, cells = body_centred_lattice(
+        planes, CELL_SIZE * edge_length, lambda places: at(room, spacing, places), levels
+    )
+    lattice = labelled(points, cells, fields, planes)
     points = lattice.points
     for sweep in range(SWEEPS):
         progress(0.4 + 0.4 * sweep / SWEEPS, "Nodes onto borders")
@@ -108,9 +121,10 @@ class Lattice:
         return self.names[self.kind] > 0
 
 
-def labelled_lattice(planes: list[np.ndarray], fields: list["LabelField"], size: float) -> Lattice:
-    """Return the lattice of `body_centred_lattice` with the strongest label for each cell."""
-    points, cells = body_centred_lattice(planes, size)
+def labelled(
+    points: np.ndarray, cells: np.ndarray, fields: list["LabelField"], planes: list[np.ndarray]
+) -> Lattice:
+    """Return the lattice with the strongest label for each cell."""
     strength = np.stack([field(points[cells].mean(axis=1)) for field in fields])
     kind = strength.argmax(axis=0)
     touches = np.zeros((len(points), len(fields)), bool)
@@ -257,70 +271,6 @@ def on_flat_borders(lattice: Lattice, planes: list[np.ndarray]) -> np.ndarray:
     flat = np.stack([np.isin(lattice.points[:, k], planes[k]) for k in range(3)], axis=1)
     several = lattice.touches.sum(axis=1) > 1
     return flat & several[:, None] & (shift < lattice.fields[0].smoothing)
-
-
-def body_centred_lattice(planes: list[np.ndarray], size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fill a block with a body-centred cubic lattice that has flat layers at the given planes.
-
-    Between the centres of two neighbouring lattice cells, and the four corners of the face they
-    share, lie four tetrahedra. On the planes (first and last: the faces of the block) the centre of
-    the face stands for the centre beyond.
-
-    Parameters
-    ----------
-    planes : list of three ndarray
-        Coordinates along x, y and z, at least two each.
-    size : float
-        Side of a lattice cell, met as nearly as the planes allow.
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-    cells : ndarray of int, shape (m, 4)
-        All of positive volume.
-    """
-    ticks, flat = zip(*(divided(axis, size) for axis in planes), strict=True)
-    middles = [(t[1:] + t[:-1]) / 2 for t in ticks]
-    blocks = [grid_points(ticks), grid_points(middles)]
-    corner = np.arange(len(blocks[0])).reshape([len(t) for t in ticks])
-    centre = corner.size + np.arange(len(blocks[1])).reshape([len(m) for m in middles])
-    total, cells = corner.size + centre.size, []
-    for axis in range(3):
-        on_planes = [ticks[k][flat[k]] if k == axis else middles[k] for k in range(3)]
-        blocks.append(grid_points(on_planes))
-        face = total + np.arange(len(blocks[-1])).reshape([len(p) for p in on_planes])
-        total += face.size
-        corners, centres, face = (np.moveaxis(a, axis, 0) for a in (corner, centre, face))
-        rows, columns = centres.shape[1:]
-        free = np.setdiff1d(np.arange(len(ticks[axis])), flat[axis])
-        for below, above, at in (
-            (centres[free - 1], centres[free], free),
-            (centres[flat[axis][1:] - 1], face[1:], flat[axis][1:]),
-            (face[:-1], centres[flat[axis][:-1]], flat[axis][:-1]),
-        ):
-            around = [
-                corners[at, i : i + rows, j : j + columns]
-                for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
-            ]
-            for k in range(4):
-                ends = (below, above, around[k], around[(k + 1) % 4])
-                cells.append(np.stack([end.ravel() for end in ends], axis=1))
-    points, cells = np.vstack(blocks), np.vstack(cells)
-    turned = tetrahedron_volumes(points, cells) < 0
-    cells[turned] = cells[turned][:, [1, 0, 2, 3]]
-    return points, cells
-
-
-def divided(planes: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gaps between planes cut into equal parts of about `size`, and where planes are."""
-    parts = np.maximum(1, np.rint(np.diff(planes) / size)).astype(int)
-    flat = np.r_[0, np.cumsum(parts)]
-    return np.interp(np.arange(flat[-1] + 1), flat, planes), flat
-
-
-def grid_points(axes: list) -> np.ndarray:
-    """Return the points (n, 3) of the grid with the given coordinates along each axis."""
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def unique_edges(cells: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ...errors import InputError
 from ...progress import Progress, part, silent
+from .grading import at, wanted_edges
 from .interfaces import Network, network_of, smooth_curves
 from .quality import triangle_angles, triangle_areas
 
@@ -23,7 +24,11 @@ SHORTEST = 0.2  # segments are split down to this share of the edge length
 
 
 def mesh_triangles(
-    labels: np.ndarray, spacing: np.ndarray, edge_length: float, progress: Progress = silent
+    labels: np.ndarray,
+    spacing: np.ndarray,
+    edge_length: float,
+    progress: Progress = silent,
+    grading: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points (n, 2), triangles (m, 3) counter-clockwise and their labels (m,).
 
@@ -35,6 +40,8 @@ def mesh_triangles(
         Voxel size along the columns (x) and rows (y).
     edge_length : float
         In the unit of `spacing`.
+    grading : float
+        How many times longer edges may be away from borders.
 
     Points are in scaled indices: voxel (row, column) has its centre at (column, row) · spacing.
     """
@@ -46,7 +53,7 @@ def mesh_triangles(
         parted(network)
     fixed, segments, _ = network.sample()
     frame = frame_points(labels.shape, spacing, edge_length)
-    inner = lattice_points(labels, spacing, edge_length)
+    inner = lattice_points(labels, spacing, edge_length, grading)
     inner = clear_of_segments(inner, fixed, segments, edge_length)
     for step in range(RELAXATIONS):
         progress(0.1 + 0.4 * step / RELAXATIONS, "Nodes inside the labels")
@@ -104,8 +111,14 @@ def refine(
     )
 
 
-def lattice_points(labels: np.ndarray, spacing: np.ndarray, edge_length: float) -> np.ndarray:
-    """Return the points (n, 2) of a hexagonal lattice that lie in labels above 0."""
+def lattice_points(
+    labels: np.ndarray, spacing: np.ndarray, edge_length: float, grading: float = 1.0
+) -> np.ndarray:
+    """Return the points (n, 2) of a hexagonal lattice that lie in labels above 0.
+
+    Of a hexagonal lattice every second point along both of its axes makes one of twice the edge.
+    Where edges may be 2ˡ times longer, only points of the l-th of these are returned.
+    """
     low, high = -0.5 * spacing, (np.array(labels.shape[::-1]) - 0.5) * spacing
     x, y = np.meshgrid(
         np.arange(low[0], high[0] + edge_length, edge_length),
@@ -116,6 +129,11 @@ def lattice_points(labels: np.ndarray, spacing: np.ndarray, edge_length: float) 
     column, row = np.rint(points / spacing).astype(int).T
     inside = (column >= 0) & (row >= 0) & (column < labels.shape[1]) & (row < labels.shape[0])
     inside[inside] = labels[row[inside], column[inside]] > 0
+    if grading >= 2:
+        line, place = np.indices(x.shape).reshape(2, -1)
+        room = at(wanted_edges(labels, spacing, edge_length, grading, True), spacing, points)
+        side = 2 ** np.log2(room).astype(int)
+        inside &= (line % side == 0) & ((place - line // 2) % side == 0)
     return points[inside]
 
 
