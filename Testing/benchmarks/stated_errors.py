@@ -1,6 +1,6 @@
 """Do the stated errors hold? How often the truth lies within two standard deviations, from images.
 
-    python Testing/benchmarks/coverage.py --phantoms 60 --keep FOLDER --out coverage.json
+    python Testing/benchmarks/stated_errors.py --phantoms 60 --keep FOLDER --out coverage.json
 
 Every phantom has a contrast (1.2 to 8), a noise (1 to 5 %), a lesion (radius 8 to 20 % of the
 width) and a tissue of its own; its texture is by turns speckle, an axial and a coronal slice of the
