@@ -35,7 +35,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import forward
 from cube import CONTRAST, PAD, inside, truth, unstructured
 
-
 VOXELS = 96  # along the cube's sides, where its labels are meshed
 
 
@@ -52,7 +51,9 @@ def segmented(shape, n, grading):
 class Body:
     """One mesh of the cube with noisy displacements."""
 
-    def __init__(self, args, kind, n, poisson, shape="box", slip=False, noise=0.02, seed=1, grading=1):
+    def __init__(
+        self, args, kind, n, poisson, shape="box", slip=False, noise=0.02, seed=1, grading=1
+    ):
         n = (n,) * 3 if isinstance(n, int) else n
         if kind == "unstructured":
             points, self.cells = unstructured(n[0])

@@ -213,7 +213,9 @@ def test_edges_grow_away_from_borders_and_borders_stay_as_they_are():
 
 
 def test_graded_cells_tell_the_modulus_of_a_label():
-    phantom = make_phantom(inclusions=[Inclusion(0.5, 0.5, 0.12, 3.0)], width=208, elements=40, noise=0)
+    phantom = make_phantom(
+        inclusions=[Inclusion(0.5, 0.5, 0.12, 3.0)], width=208, elements=40, noise=0
+    )
     found = {}
     for grading in (1, 4):
         one = mesh_segmentation(

@@ -1,12 +1,13 @@
 """Body-centred cubic lattices of tetrahedra, with larger cells where larger ones will do.
 
-A lattice of cubes, each with a node at its centre: between the centres of two neighbouring cubes and
-an edge of the face that they share lies a tetrahedron. Where cubes may be larger, eight become one,
-as in an octree, and neighbours (across a face, an edge or a corner) differ by a factor of two at
-most. What is split then follows from the nodes that are there: an edge with a node of smaller cubes
-in its middle halves its tetrahedra, and between a cube and the four smaller ones beyond a face each
-quarter of the face is cut in two from the middle of the face. All are shapes of Labelle and Shewchuk
-(Isosurface stuffing, ACM Transactions on Graphics 26, 2007), with dihedral angles of 45° to 120°.
+A lattice of cubes, each with a node at its centre: between the centres of two neighbouring cubes
+and an edge of the face that they share lies a tetrahedron. Where cubes may be larger, eight become
+one, as in an octree, and neighbours (across a face, an edge or a corner) differ by a factor of two
+at most. What is split then follows from the nodes that are there: an edge with a node of smaller
+cubes in its middle halves its tetrahedra, and between a cube and the four smaller ones beyond a
+face each quarter of the face is cut in two from the middle of the face. All are shapes of Labelle
+and Shewchuk (Isosurface stuffing, ACM Transactions on Graphics 26, 2007), with dihedral angles of
+45° to 120°.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from scipy import ndimage
 
 from .quality import tetrahedron_volumes
 
+BITS = 20  # of a place along one axis, in a key
 CORNER, CENTRE, FACE = 0, 1, 2  # kinds of nodes; FACE + axis: in the middle of a face on a plane
 
 
@@ -93,8 +95,8 @@ def body_centred_lattice(
         middles = grid_points([(t[1:] + t[:-1]) / 2 for t in ticks])
         grow(cubes, room(middles).reshape(cubes.level.shape), levels)
     nodes = np.vstack([*between_alike(cubes), *between_unlike(cubes)])
-    kept, cells = np.unique(_keys(nodes, cubes), return_inverse=True)
-    points = cubes.points(_places(kept, cubes))
+    kept, cells = np.unique(_keys(nodes), return_inverse=True)
+    points = cubes.points(_places(kept))
     cells = cells.reshape(-1, 4)
     turned = tetrahedron_volumes(points, cells) < 0
     cells[turned] = cells[turned][:, [1, 0, 2, 3]]
@@ -162,8 +164,7 @@ def _about_face(one, other, face, side, axis, middles) -> list[np.ndarray]:
         a, b = corners[k], corners[(k + 1) % 4]
         middle = (a + b) // 2
         halved = np.isin(_flat(middle), middles) & (side > 1)
-        ends = (_nodes(CORNER, end) for end in (a, middle, b))
-        a, middle, b = ends
+        a, middle, b = (_nodes(CORNER, end) for end in (a, middle, b))
         for these, first, second in ((~halved, a, b), (halved, a, middle), (halved, middle, b)):
             found.append(np.stack([n[these] for n in (one, other, first, second)], axis=1))
     return found
@@ -220,16 +221,13 @@ def _nodes(kind: int, place: np.ndarray) -> np.ndarray:
     return np.insert(place, 0, kind, axis=1)
 
 
-BITS = 20  # of a place along one axis
-
-
 def _flat(place: np.ndarray) -> np.ndarray:
     return (place[..., 0] << 2 * BITS) | (place[..., 1] << BITS) | place[..., 2]
 
 
-def _keys(nodes: np.ndarray, cubes: Cubes) -> np.ndarray:
+def _keys(nodes: np.ndarray) -> np.ndarray:
     return (nodes[..., 0] << 3 * BITS) | _flat(nodes[..., 1:])
 
 
-def _places(keys: np.ndarray, cubes: Cubes) -> np.ndarray:
+def _places(keys: np.ndarray) -> np.ndarray:
     return np.stack([keys >> 2 * BITS, keys >> BITS, keys], axis=1) & (1 << BITS) - 1
