@@ -22,6 +22,7 @@ import time
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -229,7 +230,8 @@ def measure(
 
     A planar mesh in a slice of volumes is registered in that slice.
     """
-    from .imaging.registration import register  # scipy.ndimage and more: not for a look at the mesh
+    # scipy.ndimage and more: not for a look at the mesh
+    from .imaging.registration import register, register_radiofrequency
 
     rest, pushed, mask = options.rest, list(options.pushed), options.mask
     if cells.shape[1] == 3:
@@ -237,7 +239,9 @@ def measure(
     chosen = keywords(options, RegistrationOptions)
     if len(options.slip):
         chosen["sides"] = node_pieces(len(points), cells)
-    return register(
+    axis = options.radiofrequency
+    measured = register if axis == "none" else partial(register_radiofrequency, axis)
+    return measured(
         rest,
         pushed,
         points,

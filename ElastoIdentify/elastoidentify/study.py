@@ -197,6 +197,15 @@ class RegistrationOptions(Table):
         group="Registration",
         advanced=True,
     )
+    radiofrequency = Choice(
+        "none",
+        "The images are radiofrequency data of ultrasound, whose lines run along this image axis: "
+        "elastix compares their envelopes, steps of image correlation the waves.",
+        ("none", "i", "j", "k"),
+        keyword="",
+        group="Registration",
+        advanced=True,
+    )
     cache = Text(
         "",
         "Folder in which finished registrations are kept: a run that was killed and is repeated "
@@ -401,7 +410,8 @@ class ReadOptions(Table):
 
     series = Text(
         "",
-        "Which series of a DICOM folder, by its number, description or identifier.",
+        "Which series of a DICOM folder, by its number, description or identifier, or which array "
+        "of a .mat file.",
         group="Images",
         advanced=True,
         keyword="",

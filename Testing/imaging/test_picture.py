@@ -12,8 +12,9 @@ pytest.importorskip("SimpleITK")
 
 from elastoidentify.fem.elastic_constants import young_from_lame
 from elastoidentify.fem.forward import box_mesh, square_mesh
+from elastoidentify.fem.mesh import make_mesh
 from elastoidentify.imaging.image import Image
-from elastoidentify.inverse.statistics import cell_errors, label_statistics
+from elastoidentify.inverse.statistics import cell_errors, core_of, label_statistics
 from elastoidentify.report.picture import section
 from elastoidentify.report.table import table_text, with_truth, write_table
 from elastoidentify.results import Status
@@ -168,6 +169,7 @@ def rows(**changed):
     arrays = {
         "labels": np.array([1, 2, 2, 2, 2]),
         "sizes": np.array([4.0, 1.0, 3.0, 2.0, 2.0]),
+        "core": np.array([True, False, True, True, True]),
         "status": np.array([1, 2, 2, 0, 3]),
         "lam": np.array([20.0, 4.0, 12.0, np.nan, 1.0]),
         "mu": np.array([5.0, 1.0, 3.0, np.nan, -7.0]),
@@ -195,12 +197,38 @@ def test_the_standard_error_is_that_of_the_mean_with_what_errors_have_in_common(
     assert np.isclose(tissue["Mu standard error"], np.sqrt((0.35**2 + 0.25**2) / 2))
 
 
+def test_the_core_is_of_the_cells_that_touch_no_other_label():
+    mu = np.r_[9.0, np.arange(1.0, 9.0)]
+    labels = np.r_[1, np.full(8, 2)]
+    core = np.r_[True, False, False, np.full(6, True)]
+    errors = cell_errors(4 * mu, mu, 0.4 * mu[:, None], 0.1 * mu[:, None])
+    sizes, status = np.ones(9), np.full(9, Status.IDENTIFIED)
+    pad, tissue = label_statistics(labels, sizes, core, status, 4 * mu, mu, errors)
+    assert np.isnan(pad["Mu core"]) and np.isnan(pad["Mu core standard error"])
+    assert np.isclose(tissue["Mu core"], 5.5)
+    assert np.isclose(tissue["Mu core standard error"], 0.55)
+    core[3] = False  # five are too few
+    assert np.isnan(label_statistics(labels, sizes, core, status, 4 * mu, mu, errors)[1]["Mu core"])
+    points, cells = box_mesh((3, 3), (3.0, 3.0), "quad")
+    labels = np.where(np.arange(9) == 0, 1, 2)  # the cell at the corner
+    core = core_of(make_mesh(points, [("quad", cells)]).node_cells, labels)
+    centre = points[cells].mean(axis=1)
+    assert np.array_equal(core, (centre > 2).any(axis=1))
+
+
 def test_errors_that_two_labels_share_cancel_in_their_ratio():
     """Both labels are off by the same factor: the ratio is exact, the values are not."""
     mu = np.array([1.0, 2.0, 2.0])
     errors = cell_errors(4 * mu, mu, 0.4 * mu[:, None], 0.1 * mu[:, None])
     two = label_statistics(
-        np.array([1, 2, 2]), np.ones(3), np.full(3, 2), 4 * mu, mu, errors, reference=1
+        np.array([1, 2, 2]),
+        np.ones(3),
+        np.ones(3, bool),
+        np.full(3, 2),
+        4 * mu,
+        mu,
+        errors,
+        reference=1,
     )
     assert two[1]["Mu ratio"] == 2.0
     assert np.isclose(two[1]["Mu standard error"], 0.2)

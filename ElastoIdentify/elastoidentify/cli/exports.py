@@ -38,6 +38,7 @@ def convert(arguments) -> None:
         reference=arguments.reference,
         series=_read_option(arguments, "series"),
         frame=_read_option(arguments, "frame"),
+        spacing=arguments.spacing,
     )
     for note in image.notes:
         print(f"note: {arguments.source}: {note}")

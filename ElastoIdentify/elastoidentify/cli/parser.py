@@ -281,7 +281,7 @@ def _export(parser) -> None:
 
 def _convert(parser) -> None:
     add = parser.add_argument
-    add("source", metavar="IN", help="whatever is read elsewhere: NRRD, NIfTI, MHA, DICOM, …")
+    add("source", metavar="IN", help="whatever is read elsewhere: NRRD, NIfTI, MHA, DICOM, .mat, …")
     add("target", metavar="OUT", help="ends in .nrrd, .nii, .nii.gz or .mha")
     add(
         "--segmentation",
@@ -290,6 +290,13 @@ def _convert(parser) -> None:
         help="labels are read, of DICOM SEG and RTSTRUCT too",
     )
     add("--reference", metavar="IMAGE", help="what was segmented, for the grid of an RTSTRUCT")
+    add(
+        "--spacing",
+        type=float,
+        nargs="+",
+        metavar="LENGTH",
+        help="size of a voxel along i, j (and k), where the file has none or a wrong one",
+    )
     add_options(parser, ReadOptions)
 
 

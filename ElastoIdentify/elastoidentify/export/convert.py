@@ -1,6 +1,10 @@
 """From one image format to another."""
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from ..errors import InputError
 from ..imaging.image import Image
@@ -15,6 +19,7 @@ def convert(
     reference: str | os.PathLike | None = None,
     series: str | None = None,
     frame: int | None = None,
+    spacing: Sequence[float] | None = None,
 ) -> tuple[Image, dict[int, str]]:
     """Read an image and write it in another format.
 
@@ -30,7 +35,9 @@ def convert(
     reference : path, optional
         The image that was segmented, for a structure set's grid.
     series, frame : optional
-        Which DICOM series, which frame of a film.
+        Which DICOM series (or array of a .mat file), which frame of a film.
+    spacing : two or three floats, optional
+        Size of a voxel along i, j (and k), instead of what the file says or lacks.
 
     Returns
     -------
@@ -51,5 +58,17 @@ def convert(
         image, names = read_segmentation(source, seen, series=series)
     else:
         image, names = read_image(source, series=series, frame=frame), {}
+    if spacing is not None:
+        image = with_spacing(image, spacing)
     write_image(target, image)
     return image, names
+
+
+def with_spacing(image: Image, spacing: Sequence[float]) -> Image:
+    """Return the image with other voxel sizes along i, j (, k); its first voxel stays in place."""
+    sizes = np.asarray(spacing, float)
+    if len(sizes) not in (2, 3) or not ((sizes > 0) & np.isfinite(sizes)).all():
+        raise InputError(f"spacing {list(spacing)}: give two or three lengths above 0")
+    if len(sizes) == 2 and image.size[2] > 1:
+        raise InputError("spacing: the image has three axes: give three lengths")
+    return replace(image, spacing=np.r_[sizes, image.spacing[len(sizes) :]], notes=())

@@ -23,7 +23,7 @@ from .poisson import free as free_ratio
 from .problem import Astray, Problem
 from .ratio_checks import mean_strains
 from .result import IdentificationResult, result_of
-from .statistics import label_statistics
+from .statistics import core_of, label_statistics
 from .verdict import judge
 
 FAR = 10.0  # times the noise given: what the data may show before it is said
@@ -169,9 +169,10 @@ def identify(
         problem = astray.without(problem, far.lost > 0)
     warnings += _check_noise(problem, estimate)
     result, errors = result_of(problem, estimate, plane == "stress", warnings)
+    labels = np.zeros(problem.mesh.n_cells, int) if labels is None else labels
     result.report["labels"] = label_statistics(
-        np.zeros(problem.mesh.n_cells, int) if labels is None else labels,
-        problem.mesh.volumes, result.status, result.lam, result.mu, errors, reference_label,
+        labels, problem.mesh.volumes, core_of(problem.mesh.node_cells, labels),
+        result.status, result.lam, result.mu, errors, reference_label,
     )  # fmt: skip
     residuals = np.full((len(u), *result.residuals.shape[1:]), np.nan)
     residuals[~lost] = result.residuals

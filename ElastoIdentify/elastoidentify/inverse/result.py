@@ -82,7 +82,11 @@ def result_of(
     with np.errstate(invalid="ignore", divide="ignore"):
         error = (values["mu_std"] / np.abs(values["mu"]))[~known & ~none]
     typical = float(np.median(error)) if error.size else None
-    warnings = warnings + estimate.warnings + _found_warnings(status, known, typical)
+    warnings = (
+        warnings
+        + estimate.warnings
+        + _found_warnings(status, known, typical, estimate.report["method"])
+    )
     warnings += _why_nothing(problem, status)
     counts = {one.name.lower(): int((status == one).sum()) for one in Status}
     return IdentificationResult(
@@ -158,7 +162,7 @@ def _why_nothing(problem, status):
     return []
 
 
-def _found_warnings(status, known, typical):
+def _found_warnings(status, known, typical, method):
     warnings, n = [], int((~known).sum())
     lost = int((status == Status.NOT_DETERMINED).sum())
     out = int((status == Status.OUT_OF_RANGE).sum())
@@ -173,9 +177,10 @@ def _found_warnings(status, known, typical):
             f"{lost} of {n} unknown cells are not determined by these data (Status 0, no value)"
         )
     if typical is not None and typical > 0.3:
+        other = "" if method == "regularized" else "method 'regularized', "
         warnings.append(
             f"the typical error of μ is {typical:.0%} of its value: the map is mostly noise; use "
-            "method 'regularized', larger pushes or better images"
+            f"{other}larger pushes, better images or one unknown per label"
         )
     if out:
         warnings.append(

@@ -12,6 +12,8 @@ import numpy as np
 from ..fem.elastic_constants import young_from_lame
 from ..results import VALUES, Status, is_found
 
+LEAST_CORE = 6  # cells, with a value; fewer scatter more than who segments
+
 
 @dataclass(frozen=True)
 class CellErrors:
@@ -53,6 +55,7 @@ def cell_errors(lam, mu, lam_errors, mu_errors) -> CellErrors:
 def label_statistics(
     labels: np.ndarray,
     sizes: np.ndarray,
+    core: np.ndarray,
     status: np.ndarray,
     lam: np.ndarray,
     mu: np.ndarray,
@@ -65,6 +68,8 @@ def label_statistics(
     ----------
     labels, sizes, status, lam, mu : (n_cells,)
         Sizes are areas or volumes.
+    core : (n_cells,) bool
+        Whether a cell shares no node with another label, see :func:`core_of`.
     errors : CellErrors
     reference : int, optional
         Label to which the ratios refer. None: the largest one that is not given.
@@ -76,9 +81,11 @@ def label_statistics(
         volume of all of them); ``determined`` (share of that size in cells whose μ is known or
         identified, 0 to 1). For each quantity, over the cells that have it: ``mean`` (weighted with
         the cells' sizes), ``median``, ``spread`` (weighted standard deviation between cells),
-        ``standard error`` of the mean. ``Mu ratio`` of the means to that of the label
-        ``reference``, and its standard error, in which errors that both have in common cancel. NaN
-        where nothing was found.
+        ``standard error`` of the mean; ``core``, the mean of the label's core, and ``core standard
+        error``: the core of a label that was drawn somewhat too large is still all of it, so that
+        it matters less who segments; NaN where fewer than six of its cells are that far inside.
+        ``Mu ratio`` of the means to that of the label ``reference``, and its standard error, in
+        which errors that both have in common cancel. NaN where nothing was found.
     """
     found = is_found(status)
     values = dict(zip(("YoungModulus", "PoissonRatio"), young_from_lame(lam, mu), strict=True))
@@ -99,10 +106,25 @@ def label_statistics(
         for quantity in VALUES:
             name = quantity.array
             here_found = np.where(here & is_found(status, name), sizes, 0.0)
-            row |= _figures(name, values[name], getattr(errors, name), here_found)
+            row |= _figures(name, values[name], getattr(errors, name), here_found, core)
         row |= _ratio(_label_mean(values["Mu"], errors.Mu, weights), base)
         rows.append(row | {"reference": reference})
     return rows
+
+
+def core_of(node_cells, labels: np.ndarray) -> np.ndarray:
+    """Return which cells (n_cells,) share no node with a cell of another label.
+
+    Parameters
+    ----------
+    node_cells : (n_nodes, n_cells) sparse
+        1 where a node is of a cell.
+    labels : (n_cells,)
+    """
+    names, number = np.unique(labels, return_inverse=True)
+    of_label = node_cells @ np.eye(len(names), dtype=bool)[number]
+    border = (of_label > 0).sum(axis=1) > 1
+    return ~(node_cells.T @ border).astype(bool)
 
 
 def _reference(labels, sizes, status) -> int:
@@ -127,8 +149,11 @@ def _label_mean(values, errors, weights):
     return float(share @ values[here]), share @ errors[here]
 
 
-def _figures(name, values, errors, weights) -> dict[str, float]:
+def _figures(name, values, errors, weights, core) -> dict[str, float]:
     mean, error = _label_mean(values, errors, weights)
+    core = core & (weights > 0)
+    enough = core.sum() >= LEAST_CORE
+    inner, inner_error = _label_mean(values, errors, np.where(core & enough, weights, 0.0))
     here = weights > 0
     spread = median = np.nan
     if here.any():
@@ -141,6 +166,8 @@ def _figures(name, values, errors, weights) -> dict[str, float]:
         f"{name} median": median,
         f"{name} spread": spread,
         f"{name} standard error": float(np.sqrt((error**2).mean())),
+        f"{name} core": inner,
+        f"{name} core standard error": float(np.sqrt((inner_error**2).mean())),
     }
 
 

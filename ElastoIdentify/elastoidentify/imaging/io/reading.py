@@ -7,7 +7,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..image import Image
-from . import dicom, dicom_segmentation, slicer_segmentation
+from . import dicom, dicom_segmentation, matlab, slicer_segmentation
 from .itk import Voxels, grey, read_voxels
 
 
@@ -19,11 +19,12 @@ def read_image(
     Parameters
     ----------
     path : path
-        A NRRD, NIfTI, MetaImage, TIFF, PNG, JPEG, BMP or DICOM file, another that SimpleITK can
-        read, or a folder with DICOM files.
+        A NRRD, NIfTI, MetaImage, TIFF, PNG, JPEG, BMP or DICOM file, a frame in a MATLAB file
+        (.mat), another that SimpleITK can read, or a folder with DICOM files.
     series : str, optional
         Which DICOM series of the folder, where it has several: its number, ``number:time`` where it
-        has several images per place, its UID or its description.
+        has several images per place, its UID or its description. Of a MATLAB file: the name of the
+        array.
     frame : int, optional
         Which picture of a film (an ultrasound cine loop), from 1.
 
@@ -44,6 +45,8 @@ def read_image(
     path = _existing(path)
     if dicom.is_dicom(path):
         return dicom.read(path, series=series, frame=frame)
+    if matlab.is_matlab(path):
+        return matlab.read(path, variable=series, frame=frame)
     if series is not None or frame is not None:
         raise InputError(f"{path}: is no DICOM folder, of which a series or frame could be chosen")
     return scalar_image(read_voxels(path), path)

@@ -89,10 +89,9 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing, locat
     matrix : csr_matrix, (n·d, n·d)
     force : (n·d,)
     """
-    voxels, near, weights = located or voxels_in_cells(points, cells, rest.shape)
-    here = np.stack(np.unravel_index(voxels, rest.shape), 1)[:, ::-1].astype(float)
-    there = here + np.einsum("va,vad->vd", weights, displacement[near])
-    shown = ((there >= 0) & (there <= np.array(pushed.shape[::-1]) - 1)).all(1)
+    located = located or voxels_in_cells(points, cells, rest.shape)
+    voxels, near, weights = located
+    here, there, shown = _places(pushed, rest.shape, displacement, located)
     voxels, near, weights, here, there = (a[shown] for a in (voxels, near, weights, here, there))
     first = _value_and_gradient(rest, here, at_voxels=True)
     second = _value_and_gradient(pushed, there)
@@ -105,6 +104,42 @@ def correlation_system(rest, pushed, points, cells, displacement, spacing, locat
     )
     force = np.stack([shape.T @ (one * difference) for one in gradient], 1).ravel()
     return _correlation_matrix(shape, gradient), force
+
+
+def warped_values(
+    pushed: np.ndarray, shape: tuple[int, ...], displacement: np.ndarray, located: tuple
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pushed image where the mesh moves the voxels of the rest image to.
+
+    Parameters
+    ----------
+    pushed : (nj, ni) or (nk, nj, ni)
+    shape : tuple of int
+        Of the rest image.
+    displacement : (n, d)
+        Of the nodes, in voxels.
+    located : tuple
+        Of :func:`~.information.voxels_in_cells`.
+
+    Returns
+    -------
+    values : (v,)
+    seen : (v,) bool
+        Whether the pushed image shows the place.
+    """
+    _, there, seen = _places(pushed, shape, displacement, located)
+    values = ndimage.map_coordinates(
+        np.asarray(pushed, float), there.T[::-1], order=3, mode="nearest"
+    )
+    return values, seen
+
+
+def _places(pushed, shape, displacement, located):
+    """Where voxels are, where the mesh moves them to (v, d), and whether `pushed` shows that."""
+    voxels, near, weights = located
+    here = np.stack(np.unravel_index(voxels, shape), 1)[:, ::-1].astype(float)
+    there = here + np.einsum("va,vad->vd", weights, displacement[near])
+    return here, there, ((there >= 0) & (there <= np.array(pushed.shape[::-1]) - 1)).all(1)
 
 
 def carried_displacement(

@@ -32,6 +32,7 @@ from .information import (
 )
 from .parameter_files import control_point_spacing, load_parameters
 from .together import Engines, engines_for, run_together
+from .waves import waves_along
 
 SMALLEST_IMAGE = 16  # voxels along an axis of a planar image
 THINNEST_VOLUME = 8  # voxels along an axis of a volume
@@ -334,6 +335,18 @@ def _comparison_warnings(displacements: np.ndarray, pixel: float) -> list[str]:
     return found
 
 
+def _waves_warnings(frame: PixelFrame, rest: Image) -> list[str]:
+    """What is to be said where images are compared that look like radiofrequency data."""
+    along = waves_along(frame.array(rest))
+    if along is None:
+        return []
+    axis = "ijk"[frame.kept[::-1][along]]
+    return [
+        f"The images oscillate around 0 along {axis}, as radiofrequency data of ultrasound do: "
+        f"name that axis (radiofrequency={axis}), so that their envelopes are registered first."
+    ]
+
+
 # --- the registration ------------------------------------------------------------------------
 
 
@@ -428,6 +441,8 @@ def register(
         trials.append(frame.array(on_grid_of(rest, image, f"pushed (trial {number})")))
     outside = _check_mesh(frame, points, cells)
     maps, warnings = load_parameters(parameters, len(frame.kept))
+    waves = _waves_warnings(frame, rest)
+    warnings += waves
     mask_array = None
     if mask is not None:
         mask_array = frame.array(on_grid_of(rest, mask, "mask", order=0)) != 0
@@ -456,7 +471,7 @@ def register(
 
     sentences = [_trial_warnings(number, one) for number, one in enumerate(figures, 1)]
     if all(_lost(one) for one in figures):
-        raise InputError(" ".join(found[0] for found in sentences))
+        raise InputError(" ".join([found[0] for found in sentences] + waves))
     warnings += [sentence for found in sentences for sentence in found]
     for k, one in enumerate(figures):
         if _lost(one):
