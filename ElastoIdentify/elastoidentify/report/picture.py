@@ -8,6 +8,7 @@ import numpy as np
 
 from ..imaging.image import Image
 from ..imaging.io import write_whole
+from ..imaging.registration.waves import as_seen
 from ..results import QUANTITIES, Status, is_found
 
 MODULI = "viridis"  # perceptually even colours, readable without colour vision
@@ -253,7 +254,7 @@ def _draw_rest(axes, rest: Image, frame: Image, drawing: Drawing) -> None:
         where = frame.index_to_world(np.r_[drawing.extent.mean(0), 0.0][None])
         index = round(float(rest.world_to_index(where)[0, order[2]]))
         index = int(np.clip(index, 0, rest.size[order[2]] - 1))
-    array = rest.array.transpose(2, 1, 0).transpose(order)[:, :, index].T
+    array = as_seen(rest.array.transpose(2, 1, 0).transpose(order)[:, :, index].T)
     step = rest.spacing[order[:2]]
     count = np.array(array.shape[::-1])
     left, top = -0.5 * step

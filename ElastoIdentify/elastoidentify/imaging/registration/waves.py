@@ -48,6 +48,12 @@ def waves_along(array: np.ndarray) -> int | None:
     return None
 
 
+def as_seen(array: np.ndarray) -> np.ndarray:
+    """Return what people look at: an image as it is, of radiofrequency data the envelope."""
+    axis = waves_along(array)
+    return array if axis is None else envelope(array, axis, 1)
+
+
 def agreement(rest, pushed, displacement, located) -> tuple[np.ndarray, np.ndarray]:
     """Compare two arrays around every node, the second pulled back by a displacement.
 
