@@ -8,10 +8,11 @@ from elastoidentify import study
 from elastoidentify.errors import InputError
 from elastoidentify.fem.forward import box_mesh
 from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.phantom import Inclusion, make_phantom
 from elastoidentify.imaging.registration import register, register_radiofrequency
 from elastoidentify.imaging.registration.radiofrequency import follow
 from elastoidentify.imaging.registration.waves import envelope, wavelength, waves_along
-from elastoidentify.pipeline import measure
+from elastoidentify.pipeline import measure, run
 
 LINES, SAMPLES = 64, 512
 SIZE = np.array([0.3, 0.04])  # mm from line to line, from sample to sample
@@ -26,14 +27,14 @@ def displacement(points):
     return np.stack([0.004 * (x - centre[0]), -0.01 * y * soft], axis=1)
 
 
-def frame(places, strength, noise, seed):
+def frame(places, strength, noise, seed, lines=LINES, samples=SAMPLES):
     """Echoes of scatterers at places (s, 2), mm, with an oscillating pulse."""
-    grid = np.zeros((SAMPLES, LINES))
+    grid = np.zeros((samples, lines))
     column, row = (places / SIZE).T
     for across in range(-3, 4):
         for along in range(-20, 21):
             i, j = np.rint(column).astype(int) + across, np.rint(row).astype(int) + along
-            inside = (i >= 0) & (i < LINES) & (j >= 0) & (j < SAMPLES)
+            inside = (i >= 0) & (i < lines) & (j >= 0) & (j < samples)
             off = j - row
             pulse = np.exp(-(off**2) / (2 * LENGTH**2) - (i - column) ** 2 / (2 * WIDTH**2))
             pulse *= np.cos(2 * np.pi * off / WAVE) * strength
@@ -144,6 +145,47 @@ def test_without_the_option_the_axis_is_named(pair):
     rest, pushed, points, cells, _ = pair
     with pytest.raises(InputError, match="oscillate around 0 along j"):
         register(rest, [pushed], points, cells, backward=False)
+
+
+def moduli(images, phantom, **options):
+    """Return E of tissue and inclusion, one unknown per label, with their standard errors."""
+    pad = phantom.materials[1]
+    chosen = study.Study(
+        segmentation=phantom.segmentation, rest=images[0], pushed=images[1:], edge_length=1.6,
+        rigid_labels=phantom.rigid_labels, known_materials=[(1, pad.young, pad.poisson)],
+        unknowns="young", poisson_ratio=pad.poisson, method="regularized", grouping="label",
+        **options,
+    )  # fmt: skip
+    rows = {row["label"]: row for row in run(chosen).result.statistics}
+    names = "YoungModulus mean", "YoungModulus standard error"
+    return np.array([[rows[label][name] for name in names] for label in (2, 3)])
+
+
+def test_moduli_are_several_times_as_exact_as_from_the_envelopes():
+    """A block with an inclusion of 3:1, pushed twice by 2 %; the labels are on coarser pixels."""
+    phantom = make_phantom(
+        inclusions=[Inclusion(0.5, 0.55, 0.16, 3.0)], pushes=((0, 0.02), (0.012, 0.012)),
+        width=24, pixels=104, elements=48, noise=0,
+    )  # fmt: skip
+    lines, samples = 98, 733
+    random = np.random.default_rng(0)
+    places = random.uniform(-0.05, 1.05, (30_000, 2)) * SIZE * [lines, samples]
+    strength = random.standard_normal(len(places))
+    moved = phantom.displacements(np.column_stack([places, 0 * strength]))
+    images = [
+        Image(frame(places + u, strength, 0.1, seed, lines, samples), spacing=[*SIZE, 1.0])
+        for seed, u in enumerate([0, *moved[..., :2]])
+    ]
+    every = round(wavelength(images[0].array, 1))
+    sizes = [
+        replace(one, array=envelope(one.array, 1, every), spacing=one.spacing * [1, every, 1])
+        for one in images
+    ]
+    fine, rough = moduli(images, phantom, radiofrequency="j"), moduli(sizes, phantom)
+    true = np.array([3000.0, 9000.0])
+    assert np.abs(fine[:, 0] / true - 1).max() < 0.04
+    assert (np.abs(fine[:, 0] - true) < 3 * fine[:, 1]).all()
+    assert (fine[:, 1] < 0.5 * rough[:, 1]).all()
 
 
 def test_radiofrequency_data_are_recognised_and_images_are_not(pair):

@@ -17,6 +17,8 @@ from . import layout
 FIGURES = {
     "Mu mean": "mean shear modulus of the label, weighted with the cells' sizes",
     "Mu standard error": "standard error of that mean",
+    "Mu core": "mean shear modulus of the label's cells that touch no other label",
+    "Mu core standard error": "standard error of that mean",
     "Mu spread": "standard deviation of the shear modulus between cells",
     "YoungModulus mean": "mean Young's modulus of the label",
     "YoungModulus standard error": "standard error of that mean",
