@@ -1,9 +1,12 @@
 """Repeatability figures against closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 from elastoidentify.errors import InputError
 from elastoidentify.export.repeatability import (
+    best_column,
     draw_bland_altman,
     read_rows,
     repeatability,
@@ -48,6 +51,20 @@ def test_a_known_spread_is_found_and_lies_below_the_upper_bound():
 def test_nothing_measured_twice_is_refused():
     with pytest.raises(InputError, match="no subject has two values"):
         repeatability([[1.0], [2.0, np.nan]])
+
+
+def test_the_core_is_compared_where_every_label_has_one():
+    def tables(*cores):
+        given = {"label": 1, "given": True, "Mu mean": 9.0, "Mu core": math.nan}
+        return [
+            [[given, {"label": 2, "given": False, "Mu mean": 2.0, "Mu core": core}]]
+            for core in cores
+        ]
+
+    assert best_column(tables(2.1, "2.2")) == "Mu core"
+    assert best_column(tables(2.1, "")) == "Mu mean"
+    assert best_column(tables(2.1, math.nan)) == "Mu mean"
+    assert best_column([[rows(1.0), rows(2.0)]]) == "Mu mean"  # a table of an earlier version
 
 
 def rows(tissue, inclusion=None, unit="Pa"):

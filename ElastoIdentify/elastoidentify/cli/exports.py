@@ -82,7 +82,8 @@ def repeatability(arguments) -> None:
     }
     _check_outputs(outputs, {"results": [path for one in subjects for path in one]})
     tables = [[figures.read_rows(path) for path in one] for one in subjects]
-    found, values, notes = figures.repeatability_by_label(tables, arguments.column)
+    column = arguments.column or figures.best_column(tables)
+    found, values, notes = figures.repeatability_by_label(tables, column)
     print(figures.repeatability_text(found))
     for note in notes:
         print(f"note: {note}")

@@ -337,9 +337,9 @@ def _repeatability(parser) -> None:
     )
     add(
         "--column",
-        default="Mu mean",
         metavar="NAME",
-        help="which figure of the table of labels (default 'Mu mean')",
+        help="which figure of the table of labels (default 'Mu core', the mean of the cells that "
+        "touch no other label, or 'Mu mean' where a label is too thin for it)",
     )
     add("--table", metavar="OUT.csv", help="write the figures")
     add("--picture", metavar="OUT.png", help="draw differences over means (Bland-Altman)")

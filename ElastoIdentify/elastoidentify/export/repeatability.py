@@ -136,6 +136,20 @@ def repeatability(
     )
 
 
+CORE, MEAN = "Mu core", "Mu mean"
+
+
+def best_column(subjects: Sequence[Sequence[Sequence[Mapping]]]) -> str:
+    """Return the figure that depends least on who segments, of those that every table has.
+
+    ``Mu core`` where all labels that were measured are thick enough to have one, else ``Mu mean``.
+    """
+    rows = [row for one in subjects for table in one for row in table if not row.get("given")]
+    measured = [row for row in rows if np.isfinite(_number(row, MEAN))]
+    cored = measured and all(np.isfinite(_number(row, CORE)) for row in measured)
+    return CORE if cored else MEAN
+
+
 def repeatability_by_label(
     subjects: Sequence[Sequence[Sequence[Mapping]]], column: str = "Mu mean"
 ) -> tuple[list[Repeatability], dict[int, list[list[float]]], list[str]]:
@@ -205,9 +219,13 @@ def _of(rows: Sequence[Mapping], label: int, column: str) -> float:
     """Return a label's figure in a table, NaN where it has none."""
     for row in rows:
         if int(row["label"]) == label:
-            value = row.get(column)
-            return float("nan") if value in (None, "") else float(value)
+            return _number(row, column)
     return float("nan")
+
+
+def _number(row: Mapping, column: str) -> float:
+    value = row.get(column)
+    return float("nan") if value in (None, "") else float(value)
 
 
 def read_rows(path: str | os.PathLike) -> list[dict]:
