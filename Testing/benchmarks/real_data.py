@@ -1,6 +1,6 @@
 """Real images through the whole chain.
 
-    python Testing/benchmarks/real_data.py [tensile foam open_hole ultrasound] --data FOLDER
+    python Testing/benchmarks/real_data.py [tensile foam open_hole ultrasound tpu] --data FOLDER
 
 The images are other people's and not in this repository; FILES has their addresses and checksums.
 They are read from the folder that `--data` or ELASTOIDENTIFY_REAL_DATA names; a set whose files are
@@ -18,8 +18,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from elastoidentify import InputError
+from elastoidentify import InputError, identify
 from elastoidentify.imaging.image import Image
+from elastoidentify.imaging.registration import register_radiofrequency
 from elastoidentify.pipeline import cell_blocks, make_mesh, measure, run
 from elastoidentify.report.picture import draw
 from elastoidentify.study import Study
@@ -34,6 +35,7 @@ ZAYED = "AbdelrahmanZayed/PCA-GLUE_Ultrasound_Elastography, commit 3dfcd5e"
 HASHEMI = (
     "sepehrgh98/Ultrasound-Elastography-A-Dynamic-Programming-Approach, commit 9493cef, RFData"
 )
+JAILIN = "cjailin/Experimental_PANN_learning, commit 679fb50, DVC_data"
 FILES = {
     "ut_151.tif": (MUDIC, "bab64317505b2032a4d277f693456a65cd9c1d2a248a803cca3b8dcd8e3548b8"),
     "ut_155.tif": (MUDIC, "8f97acd0be1b8450df7808e5354f1526c9ecaa71218cbd29732401d159a3d6d0"),
@@ -80,6 +82,18 @@ FILES = {
     ),
     "rf01.mat": (HASHEMI, "c674e46d5cfd6154e7ea1578dde08a8c3a2d906fc1567c8fd2bcfc73cd196482"),
     "rf03.mat": (HASHEMI, "90e7c429dbcf7f70e6f9121f0f60741ed07d78b1160525ae36edd53147c2d926"),
+    "connectivity_scan1.csv": (
+        JAILIN,
+        "df9cb4fc36e5ab8bc672518582931613dcb04530cf247a9015ecf966088e7504",
+    ),
+    "coordinates_scan1.csv": (
+        JAILIN,
+        "8ed58524cfbff2858ca320f469c526947f21057ce5703302f5bcbeea1cc2efa3",
+    ),
+    "displacements_scan1-1.csv": (
+        JAILIN,
+        "d3e893b416adb3d4ae6fbd20f20c603557c78641a737d1f6cdf9bf4fea74e1de",
+    ),
 }
 PAD, REST, LESION = 1, 2, 3
 
@@ -207,14 +221,20 @@ def ultrasound(folder: Folder, name: str) -> Pair:
     return Pair(frames[0], frames[1:], labels, edge, options, (line, SAMPLE * EVERY, 1.0))
 
 
-def _envelope(file, top, bottom):
-    """Envelope of radiofrequency data in dB, one in EVERY samples."""
+def frame(file) -> np.ndarray:
+    """Return the radiofrequency data of a file, (samples, lines)."""
     from scipy.io import loadmat
-    from scipy.signal import hilbert
 
     arrays = [v for key, v in loadmat(file).items() if not key.startswith("__")]
     data = max((v for v in arrays if v.ndim == 2 and v.dtype.kind in "if"), key=np.size)
-    size = ndimage.gaussian_filter1d(np.abs(hilbert(data.astype(float), axis=0)), EVERY / 2, axis=0)
+    return data.astype(float)
+
+
+def _envelope(file, top, bottom):
+    """Envelope of radiofrequency data in dB, one in EVERY samples."""
+    from scipy.signal import hilbert
+
+    size = ndimage.gaussian_filter1d(np.abs(hilbert(frame(file), axis=0)), EVERY / 2, axis=0)
     size = size[top:bottom:EVERY]
     return np.clip(20 * np.log10(size / np.percentile(size, 99.5) + 1e-3) + 50, 0, 60)
 
@@ -336,17 +356,31 @@ def show_ultrasound(folder, out):
         pair = ultrasound(folder, name)
         study = pair.study(grouping="label")
         mesh = make_mesh(study)
-        found = measure(study, mesh.points, mesh.cells, reaction_nodes=mesh.reaction_nodes)
-        for kinematics in ("small-strain", "neo-hookean"):
-            study = pair.study(grouping="label", kinematics=kinematics)
-            _lesion(f"phantom {name}, {kinematics}, per label", study, mesh, found)
-        hidden = replace(mesh, labels=np.where(mesh.labels == LESION, REST, mesh.labels))
-        study = pair.study(kinematics="neo-hookean")
-        outcome = _lesion(
-            f"phantom {name}, per cell, no label shows it", study, hidden, found, mesh
-        )
-        if out is not None and outcome is not None:
-            _picture(out, f"ultrasound {name}", study, mesh, outcome.result)
+        touched = {"reaction_nodes": mesh.reaction_nodes}
+        rest, *pushed = _waves(folder, name)
+        ways = {
+            "envelopes": measure(study, mesh.points, mesh.cells, **touched),
+            "radiofrequency": register_radiofrequency(
+                "j", rest, pushed, mesh.points, mesh.cells, **touched
+            ),
+        }
+        for way, found in ways.items():
+            for kinematics in ("small-strain", "neo-hookean"):
+                study = pair.study(grouping="label", kinematics=kinematics)
+                _lesion(f"phantom {name}, {way}, {kinematics}, per label", study, mesh, found)
+            hidden = replace(mesh, labels=np.where(mesh.labels == LESION, REST, mesh.labels))
+            study = pair.study(kinematics="neo-hookean")
+            title = f"phantom {name}, {way}, per cell, no label shows it"
+            outcome = _lesion(title, study, hidden, found, mesh)
+            if out is not None and outcome is not None:
+                _picture(out, f"ultrasound {name} {way}", study, mesh, outcome.result)
+
+
+def _waves(folder, name) -> list[Image]:
+    """Return the frames themselves, of the part of the image that is meshed."""
+    files, line, _, _, (top, bottom), _ = PHANTOMS[name]
+    size = [line, SAMPLE, 1.0]
+    return [Image(frame(folder(file))[top:bottom], spacing=size) for file in files]
 
 
 def _lesion(name, study, mesh, found, shown=None):
@@ -398,11 +432,52 @@ def compare(points, u, folder):
         )
 
 
+def show_tpu(folder, out):
+    """A pulled block of printed TPU, measured by others in volumes (X-ray, DVC): one material.
+
+    Their tetrahedra with a displacement at every node, the first of four steps (8.5 % along z). A
+    quarter of the block is declared known, at either end.
+    """
+    points, cells, u = (
+        np.genfromtxt(folder(f"{name}.csv"), delimiter=",")
+        for name in ("coordinates_scan1", "connectivity_scan1", "displacements_scan1-1")
+    )
+    cells, u = cells.astype(int), u[:, :3]
+    height = (points[:, 2] - points[:, 2].min()) / np.ptp(points[:, 2])
+    held = np.abs(height - 0.5) > 0.47
+    for end, pad in (("upper", height[cells].mean(axis=1) > 0.75),
+                     ("lower", height[cells].mean(axis=1) < 0.25)):  # fmt: skip
+        for poisson, std in ((0.3, 0.0), (0.4, 0.1)):
+            found = identify(
+                points, [("tetra", cells)], u[None], np.where(pad[:, None], [1.0, poisson], np.nan),
+                labels=np.where(pad, PAD, REST), grouping="label", method="regularized",
+                unknowns="young", poisson_ratio=poisson, poisson_std=std, reaction_nodes=held,
+                kinematics="neo-hookean",
+            )  # fmt: skip
+            row = next(one for one in found.statistics if one["label"] == REST)
+            young, error, ratio = (
+                row[name]
+                for name in (
+                    "YoungModulus mean",
+                    "YoungModulus standard error",
+                    "PoissonRatio mean",
+                )
+            )
+            print(
+                f"tpu, {end} quarter known with ν {poisson}, rest's ν ± {std}: {len(cells)} cells, "
+                f"E of the rest {young:.3f} ± {error:.3f}, ν {ratio:.2f}, noise "
+                f"{found.report['noise_found']:.2f}\nverdict: "
+                f"{found.report['verdict']['sentence']}",
+                flush=True,
+            )
+
+
 SETS = {
     "tensile": show_tensile,
     "foam": show_foam,
     "open_hole": show_open_hole,
     "ultrasound": show_ultrasound,
+    "tpu": show_tpu,
 }
 
 

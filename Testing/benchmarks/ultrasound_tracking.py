@@ -45,7 +45,7 @@ from elastoidentify.imaging.registration import register_radiofrequency
 from elastoidentify.imaging.registration.registration import Registration
 from elastoidentify.imaging.registration.sources import displacement_from_points
 from elastoidentify.pipeline import make_mesh, measure
-from real_data import PHANTOMS, SAMPLE, Folder, Skip, _envelope, _lesion, ultrasound
+from real_data import PHANTOMS, SAMPLE, Folder, Skip, _envelope, _lesion, frame, ultrasound
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
 from scipy.io import loadmat, savemat
@@ -117,13 +117,6 @@ ITK_NEWER = (
 
 
 # ---- the frames
-
-
-def frame(file) -> np.ndarray:
-    """Return the radiofrequency data of a file, (samples, lines)."""
-    arrays = [v for key, v in loadmat(file).items() if not key.startswith("__")]
-    data = max((v for v in arrays if v.ndim == 2 and v.dtype.kind in "if"), key=np.size)
-    return data.astype(float)
 
 
 def phantom_of(name: str) -> str:
