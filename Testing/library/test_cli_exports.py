@@ -166,8 +166,7 @@ def test_repeatability_of_subjects_measured_twice(result, tmp_path, capsys):
         with open(files[-1], "w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, list(rows[0]))
             writer.writeheader()
-            changed = [{**row, "Mu mean": float(row["Mu mean"]) * factor} for row in rows]
-            writer.writerows(changed)
+            writer.writerows({**row, "Mu core": float(row["Mu core"]) * factor} for row in rows)
     code, text, errors = run(
         "repeatability", "--subject", *files[:2], "--subject", *files[2:],
         "--table", tmp_path / "r.csv", "--picture", tmp_path / "r.png", capsys=capsys,
@@ -177,8 +176,10 @@ def test_repeatability_of_subjects_measured_twice(result, tmp_path, capsys):
     assert f"{100 * np.sqrt((2 * 0.02**2 + 2 * 0.04**2) / 2):.2f}" in text
     with open(tmp_path / "r.csv", encoding="utf-8") as stream:
         (line,) = csv.DictReader(stream)
-    assert line["label"] == "2" and line["subjects"] == "2"
+    assert line["label"] == "2" and line["subjects"] == "2" and line["quantity"] == "Mu core"
     assert (tmp_path / "r.png").read_bytes()[:4] == b"\x89PNG"
+    code, text, errors = run("repeatability", *files, "--column", "Mu mean", capsys=capsys)
+    assert code == 0 and "Mu mean" in text, errors
     code, _, errors = run("repeatability", files[0], capsys=capsys)
     assert code == 2 and "two" in errors
     code, _, errors = run("repeatability", capsys=capsys)
