@@ -210,7 +210,7 @@ def ultrasound(folder: Folder, name: str) -> Pair:
     least twice as stiff ("z", CIRS 059), 33 and 56 kPa ("r"), from memory.
     """
     files, line, centre, radii, (top, bottom), edge = PHANTOMS[name]
-    frames = [_envelope(folder(file), top, bottom) for file in files]
+    frames = [_envelope(frame(folder(file)), top, bottom) for file in files]
     rows = top + EVERY * np.arange(len(frames[0]))[:, None]
     lines = np.arange(frames[0].shape[1])
     labels = np.full(frames[0].shape, REST, np.uint8)
@@ -230,11 +230,11 @@ def frame(file) -> np.ndarray:
     return data.astype(float)
 
 
-def _envelope(file, top, bottom):
+def _envelope(data, top, bottom):
     """Envelope of radiofrequency data in dB, one in EVERY samples."""
     from scipy.signal import hilbert
 
-    size = ndimage.gaussian_filter1d(np.abs(hilbert(frame(file), axis=0)), EVERY / 2, axis=0)
+    size = ndimage.gaussian_filter1d(np.abs(hilbert(data, axis=0)), EVERY / 2, axis=0)
     size = size[top:bottom:EVERY]
     return np.clip(20 * np.log10(size / np.percentile(size, 99.5) + 1e-3) + 50, 0, 60)
 

@@ -133,12 +133,9 @@ def frames(folder: Folder, name: str):
     if name != "known":
         return first, second, None, pair
     first, second, truth = compressed(first)
-    return (
-        first,
-        second,
-        (truth, np.zeros_like(truth)),
-        replace(pair, rest=_again(first), pushed=[_again(second)]),
-    )
+    rest, pushed = (_envelope(one, *PHANTOMS[phantom][4]) for one in (first, second))
+    pair = replace(pair, rest=rest, pushed=[pushed])
+    return first, second, (truth, np.zeros_like(truth)), pair
 
 
 def compressed(rest: np.ndarray):
@@ -153,15 +150,6 @@ def compressed(rest: np.ndarray):
         pushed[:, line] = ndimage.map_coordinates(finer[:, line], [4 * origin], mode="nearest")
     rng, size = np.random.default_rng(1), NOISE * rest.std()
     return *(one + size * rng.standard_normal(rest.shape) for one in (rest, pushed)), u
-
-
-def _again(data):
-    """The log-envelope of a frame that is in no file."""
-    top, bottom = PHANTOMS["z"][4]
-    with tempfile.TemporaryDirectory() as here:
-        file = Path(here) / "frame.mat"
-        savemat(file, {"frame": data})
-        return _envelope(file, top, bottom)
 
 
 def _ellipse(phantom, shape, size):

@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..imaging.image import Image
 from ..imaging.io import check_outputs, write_whole
 from ..report.sentences import provenance_lines, report_lines, verdict_line
-from ..report.table import ROUND_OFF
+from ..report.table import ROUND_OFF, number
 from ..report.terminal import figure
 from ..results import is_found
 from .cell_map import CellMap
@@ -245,28 +245,23 @@ def _cells(row: dict, factor: float) -> list[str]:
     given = bool(row.get("given"))
 
     def measured(name: str, scale: float = 1.0, value: str = "mean", error="standard error") -> str:
-        stated = math.nan if given else scale * _number(row, f"{name} {error}")
-        return with_error(scale * _number(row, f"{name} {value}"), stated)
+        stated = math.nan if given else scale * number(row, f"{name} {error}")
+        return with_error(scale * number(row, f"{name} {value}"), stated)
 
     return [
         f"{row['label']} {row.get('name') or ''}".strip(),
         str(row.get("cells", "")),
-        figure(_number(row, "size")),
-        "given" if given else f"{100 * _number(row, 'determined'):.0f} %",
+        figure(number(row, "size")),
+        "given" if given else f"{100 * number(row, 'determined'):.0f} %",
         measured("Mu", factor),
-        figure(factor * _number(row, "Mu median")),
-        "" if given else figure(factor * _number(row, "Mu spread")),
+        figure(factor * number(row, "Mu median")),
+        "" if given else figure(factor * number(row, "Mu spread")),
         measured("YoungModulus", factor),
         measured("PoissonRatio"),
         measured("Mu", value="ratio", error="ratio standard error")
         if row["label"] != row.get("reference")
         else "1",
     ]
-
-
-def _number(row: dict, key: str) -> float:
-    value = row.get(key)
-    return math.nan if value is None else float(value)
 
 
 def with_error(value: float, error: float) -> str:

@@ -25,6 +25,7 @@ from scipy import stats
 
 from ..errors import InputError
 from ..imaging.io import check_outputs, write_whole
+from ..report.table import number
 from ..report.terminal import figure, table
 
 FACTOR = 1.96 * 2**0.5
@@ -145,8 +146,8 @@ def best_column(subjects: Sequence[Sequence[Sequence[Mapping]]]) -> str:
     ``Mu core`` where all labels that were measured are thick enough to have one, else ``Mu mean``.
     """
     rows = [row for one in subjects for table in one for row in table if not row.get("given")]
-    measured = [row for row in rows if np.isfinite(_number(row, MEAN))]
-    cored = measured and all(np.isfinite(_number(row, CORE)) for row in measured)
+    measured = [row for row in rows if np.isfinite(number(row, MEAN))]
+    cored = measured and all(np.isfinite(number(row, CORE)) for row in measured)
     return CORE if cored else MEAN
 
 
@@ -219,13 +220,8 @@ def _of(rows: Sequence[Mapping], label: int, column: str) -> float:
     """Return a label's figure in a table, NaN where it has none."""
     for row in rows:
         if int(row["label"]) == label:
-            return _number(row, column)
+            return number(row, column)
     return float("nan")
-
-
-def _number(row: Mapping, column: str) -> float:
-    value = row.get(column)
-    return float("nan") if value in (None, "") else float(value)
 
 
 def read_rows(path: str | os.PathLike) -> list[dict]:

@@ -50,7 +50,7 @@ def table_text(rows: list[dict], unit: str = "") -> str:
     ``±`` is the standard error of the label's mean; the spread is from cell to cell.
     """
     unit = f" ({unit})" if unit else ""
-    true = any(math.isfinite(_number(row, "Mu true")) for row in rows)
+    true = any(math.isfinite(number(row, "Mu true")) for row in rows)
     header = ["label", "cells", "found", f"μ mean{unit}", "±", "median", "spread"]
     header += [f"E mean{unit}", "±", "ν", "μ ratio", "±"]
     header += [f"μ true{unit}"] if true else []
@@ -61,29 +61,29 @@ def _line(row: dict, true: bool) -> list[str]:
     def error(quantity: str, statistic: str = "standard error", of: str = "mean") -> str:
         if row["given"]:
             return ""
-        return _error(_number(row, f"{quantity} {statistic}"), _number(row, f"{quantity} {of}"))
+        return _error(number(row, f"{quantity} {statistic}"), number(row, f"{quantity} {of}"))
 
     line = [
         f"{row['label']} {row.get('name', '')}".strip(),
         str(row["cells"]),
         "given" if row["given"] else f"{100 * row['determined']:.0f} %",
-        figure(_number(row, "Mu mean")),
+        figure(number(row, "Mu mean")),
         error("Mu"),
-        figure(_number(row, "Mu median")),
+        figure(number(row, "Mu median")),
         error("Mu", "spread"),
-        figure(_number(row, "YoungModulus mean")),
+        figure(number(row, "YoungModulus mean")),
         error("YoungModulus"),
-        figure(_number(row, "PoissonRatio mean")),
-        figure(_number(row, "Mu ratio")),
-        _error(_number(row, "Mu ratio standard error"), _number(row, "Mu ratio")),
+        figure(number(row, "PoissonRatio mean")),
+        figure(number(row, "Mu ratio")),
+        _error(number(row, "Mu ratio standard error"), number(row, "Mu ratio")),
     ]
-    return [*line, figure(_number(row, "Mu true"))] if true else line
+    return [*line, figure(number(row, "Mu true"))] if true else line
 
 
-def _number(row: dict, key: str) -> float:
-    """Return a figure of a row; NaN where there is none (JSON has None)."""
+def number(row: Mapping, key: str) -> float:
+    """Return a figure of a row; NaN where there is none (JSON has None, CSV nothing)."""
     value = row.get(key)
-    return math.nan if value is None else value
+    return math.nan if value in (None, "") else float(value)
 
 
 def _error(error: float, value: float) -> str:

@@ -5,12 +5,13 @@ from scipy import ndimage
 
 
 def wanted_edges(
-    labels: np.ndarray, spacing: np.ndarray, edge_length: float, grading: float, ends: bool
+    labels: np.ndarray, spacing: np.ndarray, edge_length: float, grading: float
 ) -> np.ndarray:
     """Return how long edges may be at every voxel, in units of `edge_length`, from 1 to `grading`.
 
     They grow by as much as the voxel is far from the next border: 2 from one edge on, 4 from three
-    and 8 from seven on, a row of each before the next.
+    and 8 from seven on, a row of each before the next. In a plane the ends of the array are
+    borders, for outlines are cut at the edge length; in a volume cells may grow up to them.
 
     Parameters
     ----------
@@ -18,10 +19,10 @@ def wanted_edges(
     spacing : ndarray, shape (d,)
         Voxel size along i, j (, k).
     edge_length, grading : float
-    ends : bool
-        Whether the ends of the array are borders.
     """
-    padded = np.pad(labels, 1, **({"constant_values": -1} if ends else {"mode": "edge"}))
+    padded = np.pad(
+        labels, 1, **({"constant_values": -1} if labels.ndim == 2 else {"mode": "edge"})
+    )
     inner = np.ones(padded.shape, bool)
     for axis in range(labels.ndim):
         inside, along = np.moveaxis(inner, axis, 0), np.moveaxis(padded, axis, 0)

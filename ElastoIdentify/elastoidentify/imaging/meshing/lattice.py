@@ -11,6 +11,7 @@ and Shewchuk (Isosurface stuffing, ACM Transactions on Graphics 26, 2007), with 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -43,8 +44,9 @@ class Cubes:
     def shape(self) -> np.ndarray:
         return np.array(self.level.shape)
 
+    @cached_property
     def within_slab(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return place and count (3, nx, ny, nz) of each cube between its planes, along x, y, z."""
+        """Place and count (3, nx, ny, nz) of the smallest cubes between their planes."""
         places, counts = [], []
         for flat in self.flat:
             counts.append(np.repeat(np.diff(flat), np.diff(flat)))
@@ -53,7 +55,7 @@ class Cubes:
 
     def firsts(self, axis: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return the place (n, 3) and level (n,) of each cube, in layers along an axis."""
-        first = (self.within_slab()[0] % 2**self.level == 0).all(axis=0)
+        first = (self.within_slab[0] % 2**self.level == 0).all(axis=0)
         place = np.argwhere(first)
         place = place[np.argsort(place[:, axis], kind="stable")]
         return place, self.level[tuple(place.T)]
@@ -117,7 +119,7 @@ def grid_points(axes: list) -> np.ndarray:
 
 def grow(cubes: Cubes, room: np.ndarray, levels: int) -> None:
     """Make one cube of eight wherever there is room, and all around are half as long at least."""
-    place, count = cubes.within_slab()
+    place, count = cubes.within_slab
     index, shape = np.indices(cubes.level.shape), cubes.shape[:, None, None, None]
     for level in range(1, levels + 1):
         side = 2**level
@@ -128,8 +130,9 @@ def grow(cubes: Cubes, room: np.ndarray, levels: int) -> None:
         starts = (fits & (place % side == 0)).all(axis=0)
         starts &= ndimage.minimum_filter(room, **block) >= side
         starts &= ndimage.minimum_filter(cubes.level, **around, mode="nearest") >= level - 1
+        first = np.argwhere(starts).T
         for offset in np.ndindex(side, side, side):
-            cubes.level[tuple(np.argwhere(starts).T + np.array(offset)[:, None])] = level
+            cubes.level[tuple(first + np.array(offset)[:, None])] = level
 
 
 def between_alike(cubes: Cubes) -> list[np.ndarray]:
@@ -173,7 +176,7 @@ def _about_face(one, other, face, side, axis, middles) -> list[np.ndarray]:
 def between_unlike(cubes: Cubes) -> list[np.ndarray]:
     """Return the tetrahedra (m, 4, 4) about faces with one larger cube behind."""
     found = []
-    within = cubes.within_slab()[0]
+    within = cubes.within_slab[0]
     for axis in range(3):
         ahead = np.eye(3, dtype=int)[axis]
         place, level = cubes.firsts(axis)

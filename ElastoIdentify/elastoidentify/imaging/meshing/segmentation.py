@@ -287,9 +287,8 @@ def check_edge_length(
     voxels_per_cell = shape * edge_length**dimension / sizes.prod()
     count = np.count_nonzero(labels) / voxels_per_cell
     if count > MOST_CELLS and grading > 1:
-        ends = dimension == 2
         flat = labels if dimension == 3 else labels.squeeze(2 - segmentation.planar_axis)
-        longer = wanted_edges(flat, sizes, edge_length, grading, ends)
+        longer = wanted_edges(flat, sizes, edge_length, grading)
         count = (longer[flat > 0] ** -float(dimension)).sum() / voxels_per_cell
     if count > MOST_CELLS:
         least = edge_length * (count / MOST_CELLS) ** (1 / dimension)

@@ -63,7 +63,7 @@ def mesh_tetrahedra(
     progress(0.3, "Lattice")
     planes = flat_borders(labels, spacing, edge_length)
     levels = int(np.log2(grading))
-    room = wanted_edges(labels, spacing, edge_length, grading, False) if levels else None
+    room = wanted_edges(labels, spacing, edge_length, grading) if levels else None
     points, cells = body_centred_lattice(
         planes, CELL_SIZE * edge_length, lambda places: at(room, spacing, places), levels
     )

@@ -131,7 +131,7 @@ def lattice_points(
     inside[inside] = labels[row[inside], column[inside]] > 0
     if grading >= 2:
         line, place = np.indices(x.shape).reshape(2, -1)
-        room = at(wanted_edges(labels, spacing, edge_length, grading, True), spacing, points)
+        room = at(wanted_edges(labels, spacing, edge_length, grading), spacing, points)
         side = 2 ** np.log2(room).astype(int)
         inside &= (line % side == 0) & ((place - line // 2) % side == 0)
     return points[inside]

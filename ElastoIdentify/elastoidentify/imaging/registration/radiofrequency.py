@@ -17,7 +17,14 @@ from ...progress import Progress, part
 from ..image import Image
 from .correlation import carried_displacement, refine_displacement
 from .information import displacement_information, voxels_in_cells
-from .registration import PixelFrame, Registration, check_image, on_grid_of, register
+from .registration import (
+    PixelFrame,
+    Registration,
+    check_image,
+    on_grid_of,
+    register,
+    rest_and_pushed,
+)
 from .waves import agreement, envelope, wavelength
 
 STEPS = 20  # at most; some five are usual
@@ -58,11 +65,7 @@ def register_radiofrequency(
     InputError
         As :func:`~elastoidentify.imaging.registration.register`; where the data do not oscillate.
     """
-    pushed = list(pushed)
-    if rest is None and pushed:
-        rest, pushed = pushed[0], pushed[1:]
-    if rest is None or not pushed:
-        raise InputError("at least two images are needed: one at rest and one pushed")
+    rest, pushed = rest_and_pushed(rest, pushed)
     names = ["rest", *(f"pushed (trial {number})" for number in range(1, len(pushed) + 1))]
     for image, name in zip([rest, *pushed], names, strict=True):
         check_image(image, name)

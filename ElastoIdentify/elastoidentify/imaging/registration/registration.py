@@ -335,6 +335,16 @@ def _comparison_warnings(displacements: np.ndarray, pixel: float) -> list[str]:
     return found
 
 
+def rest_and_pushed(rest: Image | None, pushed: Sequence[Image]) -> tuple[Image, list[Image]]:
+    """Return the image at rest, for which the first pushed one stands in, and those pushed."""
+    pushed = list(pushed)
+    if rest is None and pushed:
+        rest, pushed = pushed[0], pushed[1:]
+    if rest is None or not pushed:
+        raise InputError("at least two images are needed: one at rest and one pushed")
+    return rest, pushed
+
+
 def _waves_warnings(frame: PixelFrame, rest: Image) -> list[str]:
     """What is to be said where images are compared that look like radiofrequency data."""
     along = waves_along(frame.array(rest))
@@ -425,11 +435,7 @@ def register(
         By the progress callback. No process and no file stays behind.
     """
     progress = progress or silent
-    pushed = list(pushed)
-    if rest is None and pushed:
-        rest, pushed = pushed[0], pushed[1:]
-    if rest is None or not pushed:
-        raise InputError("at least two images are needed: one at rest and one pushed")
+    rest, pushed = rest_and_pushed(rest, pushed)
     if reference not in ("rest", "previous"):
         raise InputError(f'reference is "rest" or "previous", not {reference!r}')
     points, cells = np.asarray(points, float), np.asarray(cells)
